@@ -1,0 +1,1 @@
+"""Names of sensors and actuators as vectors of a frozen, pretrained text encoder."""

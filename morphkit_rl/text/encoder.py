@@ -1,0 +1,140 @@
+"""Frozen text encoder: names of sensors and actuators in, vectors out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from morphkit.errors import ConfigError, DependencyError
+from morphkit_rl.text.cache import EmbeddingCache
+from morphkit_rl.text.source import ModelSource, Pooling, find_model
+
+
+class TextEncoder:
+    """A pretrained BERT-like model as a function from texts to vectors, cached on disk.
+
+    The weights are read only when a text is not in the cache. Every text is encoded by itself, without padding, so
+    that its vector never depends on what else was asked for.
+
+    Args:
+        model: `minilm` (all-MiniLM-L6-v2, shipped, works offline), a folder that `save_pretrained` of transformers
+            wrote, or a name on the Hugging Face hub such as `bert-base-uncased`.
+        pooling: `cls`, the last layer's vector of the first token (BERT and the MA-BERT study), or `mean`, the average
+            over all tokens of the text. None: what suits the model, `mean` for minilm and `cls` else.
+        cache_dir: Folder of the disk cache; default `$MORPHKIT_CACHE`, else the user's cache folder.
+        device: Torch device that texts are encoded on.
+
+    Raises:
+        ConfigError: Unknown pooling.
+        DependencyError: The model's files are missing, damaged or out of reach.
+    """
+
+    def __init__(
+        self,
+        model: str = "minilm",
+        *,
+        pooling: Pooling | None = None,
+        cache_dir: Path | None = None,
+        device: str = "cpu",
+    ) -> None:
+        if pooling is not None and pooling not in get_args(Pooling):
+            raise ConfigError(f"unknown pooling {pooling!r}: expected one of {', '.join(get_args(Pooling))}")
+        self.source: ModelSource = find_model(model)
+        self.pooling: Pooling = pooling or self.source.pooling
+        self.device = device
+        self.size: int = self.source.size
+        self._cache = EmbeddingCache(f"{self.source.identity}-{self.pooling}", self.size, cache_dir)
+        self._known: dict[str, np.ndarray] = {}
+        self._network: tuple[Any, Any, int | None] | None = None
+
+    def encode(self, texts: Sequence[str]) -> np.ndarray:
+        """Encode texts.
+
+        Args:
+            texts: n texts; equal ones are encoded once.
+
+        Returns:
+            float32 array, shape (n, size), in the order of `texts`.
+
+        Raises:
+            DependencyError: The weights are damaged, or not those that the model's name stands for.
+        """
+        if isinstance(texts, str):
+            raise TypeError("encode takes a sequence of texts, not a single string")
+        missing = [text for text in dict.fromkeys(texts) if text not in self._known]
+        if missing:
+            self._known.update(self._cache.get(missing))
+            new = {text: self._encode_one(text) for text in missing if text not in self._known}
+            if new:
+                self._cache.put(new)
+                self._known.update(new)
+        result = np.empty((len(texts), self.size), dtype=np.float32)
+        for row, text in enumerate(texts):
+            result[row] = self._known[text]
+        return result
+
+    def _encode_one(self, text: str) -> np.ndarray:
+        import torch
+
+        if self._network is None:
+            self.source.check_weights()
+            self._network = _load(self.source, self.device)
+        tokenizer, network, max_length = self._network
+        inputs = tokenizer([text], return_tensors="pt", truncation=max_length is not None, max_length=max_length)
+        with torch.inference_mode():
+            hidden = network(**inputs.to(self.device)).last_hidden_state[0].float()
+            vector = hidden[0] if self.pooling == "cls" else hidden.mean(dim=0)
+        array: np.ndarray = vector.cpu().numpy()
+        if array.shape != (self.size,) or not np.isfinite(array).all():
+            raise DependencyError(
+                f"text encoder {self.source.name!r}: expected {self.size} finite numbers for {text!r}, "
+                f"got an array of shape {array.shape}; the weights in {self.source.folder} are damaged"
+            )
+        return array
+
+
+def _load(source: ModelSource, device: str) -> tuple[Any, Any, int | None]:
+    """Tokenizer, network in float32 and greatest number of tokens, from local files alone."""
+    try:
+        with _quiet_transformers():
+            from transformers import AutoModel, AutoTokenizer
+
+            folder = str(source.folder)
+            tokenizer = AutoTokenizer.from_pretrained(folder, local_files_only=True)
+            network, report = AutoModel.from_pretrained(folder, local_files_only=True, output_loading_info=True)
+            network = network.float().eval().requires_grad_(False).to(device)
+    except Exception as error:  # The loader fails in many ways on damaged or foreign files.
+        reason = f"{type(error).__name__}: {error}".split("\n")[0][:300]
+        raise DependencyError(
+            f"text encoder {source.name!r} cannot be loaded from {source.folder}: {reason}"
+        ) from error
+    # transformers fills what the file lacks with random numbers; only the pooler is not used here.
+    absent = sorted(key for key in report["missing_keys"] if "pooler" not in key)
+    if absent:
+        raise DependencyError(
+            f"text encoder {source.name!r}: the weights in {source.folder} lack {len(absent)} tensors, "
+            f"such as {absent[0]}; download the model again"
+        )
+    positions = getattr(network.config, "max_position_embeddings", None)
+    limits = [limit for limit in (tokenizer.model_max_length, positions) if limit and limit < 1_000_000]
+    return tokenizer, network, min(limits, default=None)
+
+
+@contextmanager
+def _quiet_transformers() -> Iterator[None]:
+    """Keep transformers from printing its progress bars and load reports."""
+    from transformers.utils import logging
+
+    verbosity, bars = logging.get_verbosity(), logging.is_progress_bar_enabled()
+    logging.set_verbosity_error()
+    logging.disable_progress_bar()
+    try:
+        yield
+    finally:
+        logging.set_verbosity(verbosity)
+        if bars:
+            logging.enable_progress_bar()
