@@ -1,0 +1,55 @@
+# Every target makes and fills .venv first where it is missing or out of date, so that it is the only command needed.
+#   make demo                     a family of bodies, one policy, a body it never saw (SEED=1 MINUTES=5 for others)
+#   make test | lint | bench      tests; style, types and import rules; measured speeds
+# PYTHON=/path/to/python3.12 chooses the interpreter (3.11 or newer) that makes .venv.
+
+SHELL := bash
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.filled
+PYTHON ?= $(firstword $(foreach name,python3 python3.13 python3.12 python3.11 python3.14,\
+	$(shell $(name) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $(name))))
+SEED ?= 0
+MINUTES ?= 8
+WORKERS ?= auto
+
+.DEFAULT_GOAL := help
+.PHONY: help venv demo test lint types imports bench clean
+
+help:
+	@sed -n 's/^#   /  /p' Makefile
+
+venv: $(STAMP)
+
+$(STAMP): pyproject.toml constraints.txt
+	@[ -n "$(PYTHON)" ] || { echo "error: no Python 3.11 or newer found; install one, or say where it is: make PYTHON=/path/to/python3.12" >&2; exit 2; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "error: $(PYTHON) is no Python 3.11 or newer; say where one is: make PYTHON=/path/to/python3.12" >&2; exit 2; }
+	@$(PYTHON) -m venv $(VENV) || \
+		{ echo "error: no virtual environment can be made; on Debian and Ubuntu: apt-get install python3-venv" >&2; exit 2; }
+	@echo "filling $(VENV) (some minutes the first time)" >&2
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,viewer]'
+	@touch $@
+
+demo: $(STAMP)
+	@$(BIN)/python examples/demo.py --seed $(SEED) --minutes $(MINUTES)
+
+# A worker a core, each with one thread: more threads would only fight for the cores.
+test: $(STAMP)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS)
+
+lint: $(STAMP) types imports
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(STAMP)
+	$(BIN)/mypy morphkit morphkit_rl cli
+
+imports: $(STAMP)
+	$(BIN)/lint-imports
+
+bench: $(STAMP)
+	@for program in benchmarks/*.py; do $(BIN)/python $$program || exit $$?; done
+
+clean:
+	rm -rf demo build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

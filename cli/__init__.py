@@ -1,0 +1,1 @@
+"""The command line, installed as `morphkit_cli`: one module a command."""

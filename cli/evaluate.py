@@ -1,0 +1,120 @@
+"""`morphkit evaluate`: what a trained policy is worth, beside a random one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from . import common
+
+if TYPE_CHECKING:
+    from morphkit.description import Description
+    from morphkit_rl.evaluation import RobotResult
+
+VIDEO_SUFFIXES = (".mp4", ".gif")
+VIDEO_WIDTH, VIDEO_HEIGHT = 480, 320
+
+EXAMPLES = (
+    "morphkit evaluate runs/first cheetah-family",
+    "morphkit evaluate runs/first cheetah_3_balanced --episodes 20 --video out.mp4",
+)
+
+
+def evaluate(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a training run.")],
+    robots: Annotated[
+        list[str],
+        typer.Argument(metavar="ROBOT", help="Shipped robots, URDF or MJCF files, folders of them, or manifests."),
+    ],
+    episodes: Annotated[int, typer.Option(min=1, metavar="N", help="Noise-free episodes per body.")] = 10,
+    seed: Annotated[int, typer.Option(help="Seed of the start states and of the random policy.")] = 0,
+    task: Annotated[str | None, typer.Option(help="Task of all bodies.", show_default="that of the run")] = None,
+    base: Annotated[
+        Literal["planar", "free", "fixed"] | None,
+        typer.Option(help="How the root is attached to the world, where the file leaves it open."),
+    ] = None,
+    video: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Film an episode: an .mp4 or .gif; of several bodies, FILE-<body> each."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, with the return of every episode.")] = False,
+) -> None:
+    """Run a trained policy on bodies, trained on or never seen, beside a random policy.
+
+    Prints the mean return over noise-free episodes; the random policy's mean with its 95 %
+    bootstrap interval; and the normalised score (return - random) / (expert - random) of bodies
+    whose expert return is known.
+    """
+    if video is not None:
+        _check_video(video)
+    bodies = common.load_bodies(robots)
+
+    from morphkit_rl.evaluation import evaluate as measure
+
+    found = measure(run, bodies, episodes=episodes, seed=seed, task=task, base=base)
+    if as_json:
+        common.print_json({"run": str(run), "episodes": episodes, "seed": seed, "robots": [_row(r) for r in found]})
+    else:
+        _print_table(found)
+    if video is not None:
+        _film(run, bodies, video, seed=seed, task=task, base=base)
+
+
+def _check_video(video: Path) -> None:
+    from morphkit.errors import OutputError
+
+    if video.suffix.lower() not in VIDEO_SUFFIXES:
+        raise common.UsageError(f"--video {video} must end in {' or '.join(VIDEO_SUFFIXES)}.")
+    if not video.parent.is_dir():
+        raise OutputError(f"{video} cannot be written: there is no folder {video.parent}.")
+
+
+def _row(result: RobotResult) -> dict[str, Any]:
+    return {
+        "robot": result.robot,
+        "trained_on": result.trained_on,
+        "mean": result.mean,
+        "std": result.std,
+        "returns": result.returns,
+        "random_mean": result.random_mean,
+        "random_interval": result.random_interval,
+        "random_returns": result.random_returns,
+        "normalised": result.normalised,
+    }
+
+
+def _print_table(found: Sequence[RobotResult]) -> None:
+    numbers = ("return", "std", "random", "random 95 %", "normalised")
+    table = common.table("body", "trained on", *numbers, right=numbers)
+    for result in found:
+        low, high = result.random_interval
+        table.add_row(
+            result.robot,
+            "yes" if result.trained_on else "no",
+            f"{result.mean:.1f}",
+            f"{result.std:.1f}",
+            f"{result.random_mean:.1f}",
+            f"{low:.1f} .. {high:.1f}",
+            "-" if result.normalised is None else f"{result.normalised:.3f}",
+        )
+    common.results().print(table)
+
+
+def _film(run: Path, bodies: Sequence[Description], video: Path, *, seed: int, task: str | None, base: Any) -> None:
+    from morphkit.errors import DependencyError
+    from morphkit.viewing import render, write_video
+    from morphkit_rl.evaluation import record
+
+    for body in bodies:
+        path = video if len(bodies) == 1 else video.with_name(f"{video.stem}-{body.name}{video.suffix}")
+        simulation, qpos, fps = record(run, body, seed=seed, task=task, base=base)
+        try:
+            write_video(render(simulation, qpos, width=VIDEO_WIDTH, height=VIDEO_HEIGHT), path, fps)
+        except DependencyError as error:
+            typer.secho("warning:", fg="yellow", bold=True, nl=False, err=True)
+            typer.echo(f" no video: {error}", err=True)
+            return
+        typer.echo(f"video: {path}", err=True)

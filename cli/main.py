@@ -1,0 +1,129 @@
+"""The `morphkit` command: the Typer app and the one place where errors become messages and exit codes.
+
+Nothing heavy is imported here: every command imports what it needs when it runs.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from typing import Annotated
+
+import typer
+
+from morphkit.errors import MorphkitError
+
+from . import ablate, evaluate, robots, tokens, train
+
+INTERRUPTED = 130
+
+app = typer.Typer(
+    name="morphkit",
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="""A ROBOT is the name of a robot that ships with morphkit (see 'morphkit robots') or a URDF or MJCF file.
+'morphkit COMMAND --help' explains a command and gives examples.""",
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        print(f"morphkit {version('morphkit')}")
+        raise typer.Exit
+
+
+@app.callback()
+def morphkit(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and exit.", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """From a robot file to one policy that controls every body you can cut out of it."""
+
+
+def _register(name: str, command: Callable[..., None], examples: Sequence[str]) -> None:
+    """Add a command whose help is its docstring, unwrapped so that it fills any terminal, and its examples."""
+    paragraphs = [" ".join(part.split()) for part in (command.__doc__ or "").split("\n\n")]
+    epilog = "\n".join(["Examples:", *(f"  {example}" for example in examples)])
+    app.command(name, help="\n\n".join(paragraphs), short_help=paragraphs[0], epilog=epilog)(command)
+
+
+_register("robots", robots.robots, robots.EXAMPLES)
+_register("tokens", tokens.tokens, tokens.EXAMPLES)
+_register("ablate", ablate.ablate, ablate.EXAMPLES)
+_register("train", train.train, train.EXAMPLES)
+_register("evaluate", evaluate.evaluate, evaluate.EXAMPLES)
+
+
+def _complain(message: str) -> None:
+    typer.secho("error:", fg="red", bold=True, nl=False, err=True)
+    typer.echo(f" {message}", err=True)
+
+
+def _usage_error(error: Exception) -> int:
+    """Report what Typer found wrong with the arguments; anything else is raised again."""
+    describe = getattr(error, "format_message", None)
+    if describe is None:
+        raise error
+    # Typer hands on the words of its validator, which name Python's exception.
+    _complain(describe().replace("Value error, ", ""))
+    context = getattr(error, "ctx", None)
+    command = context.command_path if context is not None else "morphkit"
+    typer.echo(f"Try '{command} --help'.", err=True)
+    return int(getattr(error, "exit_code", 2))
+
+
+def _drop_stdout() -> None:
+    """Point stdout at nothing, so that what is still buffered raises no second error at exit."""
+    sink = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(sink, sys.stdout.fileno())
+    os.close(sink)
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: What stands behind `morphkit`; None for those of the process.
+
+    Returns:
+        Exit code: 0 fine, 1 findings or a failed run, 2 wrong usage or bad input, 130 interrupted.
+    """
+    try:
+        # Outside its standalone mode Typer returns the code of an Exit and leaves usage errors to us.
+        code = app(args=arguments, standalone_mode=False)
+        sys.stdout.flush()
+        code = code if isinstance(code, int) else 0
+        if code == INTERRUPTED:
+            typer.echo("interrupted", err=True)
+        return code
+    except (KeyboardInterrupt, typer.Abort):
+        typer.echo("interrupted", err=True)
+        return INTERRUPTED
+    except BrokenPipeError:
+        _drop_stdout()
+        return 0
+    except MorphkitError as error:
+        _complain(str(error))
+        return 2
+    except OSError as error:
+        _drop_stdout()
+        where = f"{error.filename}: " if error.filename else ""
+        _complain(f"{where}{error.strerror or error}")
+        return 2
+    except Exception as error:
+        return _usage_error(error)
+
+
+def main() -> None:
+    """Entry point of the installed command."""
+    sys.exit(run())
+
+
+if __name__ == "__main__":
+    main()

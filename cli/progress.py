@@ -1,0 +1,86 @@
+"""How a training run shows itself: a live bar in a terminal, a line now and then elsewhere."""
+
+from __future__ import annotations
+
+from statistics import fmean
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from . import common
+
+if TYPE_CHECKING:
+    from morphkit_rl.trainer import Progress
+
+LINE_INTERVAL_S = 30.0
+"""Time between two lines where stderr is no terminal, s."""
+
+
+class ProgressDisplay:
+    """Shows the progress of a run on stderr.
+
+    Args:
+        quiet: Show nothing.
+    """
+
+    def __init__(self, *, quiet: bool = False) -> None:
+        self._quiet = quiet
+        self._console = common.notes()
+        self._live: Any = None
+        self._next_line_s = 0.0
+
+    def __enter__(self) -> ProgressDisplay:
+        if not self._quiet and self._console.is_terminal:
+            from rich.live import Live
+            from rich.progress import BarColumn, TaskProgressColumn, TextColumn
+            from rich.progress import Progress as Bar
+
+            self._bar = Bar(TextColumn("training"), BarColumn(bar_width=40), TaskProgressColumn(), auto_refresh=False)
+            self._task = self._bar.add_task("training", total=1.0)
+            self._live = Live(self._bar, console=self._console, auto_refresh=False)
+            self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def update(self, progress: Progress) -> None:
+        """Show `progress`."""
+        if self._quiet:
+            return
+        if self._live is not None:
+            from rich.console import Group
+            from rich.text import Text
+
+            self._bar.update(self._task, completed=progress.fraction)
+            lines = (Text(rates(progress)), Text(returns(progress)))
+            self._live.update(Group(self._bar, *lines), refresh=True)
+        elif progress.elapsed_s >= self._next_line_s:
+            self._next_line_s = progress.elapsed_s + LINE_INTERVAL_S
+            self._console.print(f"{progress.fraction:4.0%}  {rates(progress)}; {returns(progress)}")
+
+
+def rates(progress: Progress) -> str:
+    """`12 000 steps (1 500/s), 840 updates (31/s), 2 min 10 s, 5 min 50 s left`."""
+    text = (
+        f"{_thousands(progress.steps)} steps ({_thousands(progress.steps_per_s)}/s), "
+        f"{_thousands(progress.updates)} updates ({progress.updates_per_s:.0f}/s), "
+        f"{common.duration(progress.elapsed_s)}"
+    )
+    return text if progress.remaining_s is None else f"{text}, {common.duration(progress.remaining_s)} left"
+
+
+def returns(progress: Progress) -> str:
+    """The mean training return over the robots, with the worst and the best of them."""
+    if not progress.returns:
+        return "no episode has ended yet"
+    ranked = sorted(progress.returns.items(), key=lambda item: item[1])
+    (worst, low), (best, high) = ranked[0], ranked[-1]
+    mean = f"mean return {fmean(progress.returns.values()):.0f}"
+    return mean if len(ranked) == 1 else f"{mean}, from {low:.0f} ({worst}) to {high:.0f} ({best})"
+
+
+def _thousands(number: float) -> str:
+    return f"{round(number):,}".replace(",", " ")

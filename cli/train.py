@@ -1,0 +1,153 @@
+"""`morphkit train`: one policy for many bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from . import common
+
+if TYPE_CHECKING:
+    from morphkit_rl.trainer import Progress, TrainSummary
+
+EXAMPLES = (
+    "morphkit train cheetah-family --run runs/first --hold-out cheetah-no-ffoot --minutes 8",
+    "morphkit train my_robot.urdf --run runs/own --task locomotion --base planar --steps 500000",
+    "morphkit train --run runs/first --resume",
+)
+
+
+def train(
+    robots: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="ROBOT_OR_FOLDER_OR_MANIFEST",
+            help="Shipped robots, URDF or MJCF files, folders of them, or manifests that morphkit ablate wrote.",
+        ),
+    ] = None,
+    run: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the run: settings, metrics, checkpoints.")] = ...,  # type: ignore[assignment]
+    hold_out: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Keep this body out of training. May be given often.")
+    ] = None,
+    minutes: Annotated[
+        float | None, typer.Option(min=0, metavar="N", help="Stop after so many minutes of training.")
+    ] = None,
+    steps: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="Stop after so many environment steps, summed over the bodies."),
+    ] = None,
+    preset: Annotated[
+        str | None, typer.Option(help="Name of a preset, or a TOML file with settings.", show_default="default")
+    ] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting, such as td3.tau=0.01.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of all random numbers.", show_default="0")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in DIR where it stopped.")] = False,
+    task: Annotated[
+        str | None, typer.Option(help="Task of all bodies, such as locomotion.", show_default="what each robot says")
+    ] = None,
+    base: Annotated[
+        Literal["planar", "free", "fixed"] | None,
+        typer.Option(help="How the root is attached to the world, where the file leaves it open."),
+    ] = None,
+    device: Annotated[str | None, typer.Option(help="PyTorch device, such as cpu or cuda.", show_default="cpu")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress and no summary.")] = False,
+) -> None:
+    """Train one policy on many bodies at once.
+
+    Ctrl-C stops a run at a checkpoint; --resume goes on from there exactly as if it had never
+    stopped. The policy knows a body by the names of its sensors and actuators only, so that it can
+    be tried on bodies that were held out: see morphkit evaluate.
+    """
+    robots, hold_out, settings = robots or [], hold_out or [], settings or []
+    if resume:
+        fixed = {
+            "ROBOT": robots,
+            "--hold-out": hold_out,
+            "--preset": preset,
+            "--set": settings,
+            "--seed": seed is not None,
+            "--task": task,
+            "--base": base,
+            "--device": device,
+        }
+        given = [option for option, value in fixed.items() if value]
+        if given:
+            raise common.UsageError(f"a resumed run keeps its bodies and settings; leave out {', '.join(given)}.")
+    elif not robots:
+        raise common.UsageError("say what to train on: robots, files, folders or manifests.")
+    bodies = common.load_bodies(robots)
+
+    from morphkit_rl import trainer
+    from morphkit_rl.config import load_config
+
+    from .progress import ProgressDisplay
+
+    start: Callable[[Callable[[Progress], None]], TrainSummary]
+    if resume:
+
+        def start(show: Callable[[Progress], None]) -> TrainSummary:
+            return trainer.resume(run, minutes=minutes, steps=steps, progress=show)
+
+    else:
+        config = load_config(preset or "default", settings)
+        if not quiet:
+            trained = len(bodies) - len(hold_out)
+            held = f", held out: {', '.join(hold_out)}" if hold_out else ""
+            typer.echo(f"training on {common.count(trained, 'body')}{held}", err=True)
+
+        def start(show: Callable[[Progress], None]) -> TrainSummary:
+            return trainer.train(
+                bodies,
+                run,
+                config,
+                hold_out=hold_out,
+                task=task,
+                base=base,
+                seed=seed or 0,
+                minutes=minutes,
+                steps=steps,
+                device=device or "cpu",
+                progress=show,
+            )
+
+    with ProgressDisplay(quiet=quiet) as display:
+        summary = start(display.update)
+    _report(summary, hold_out, as_json=as_json, quiet=quiet)
+
+
+def _report(summary: TrainSummary, hold_out: list[str], *, as_json: bool, quiet: bool) -> None:
+    if as_json:
+        common.print_json(
+            {
+                "run": str(summary.run),
+                "steps": summary.steps,
+                "updates": summary.updates,
+                "elapsed_s": summary.elapsed_s,
+                "interrupted": summary.interrupted,
+                "returns": summary.returns,
+            }
+        )
+    elif not quiet:
+        table = common.table("body", "training return", right=("training return",))
+        for robot, value in summary.returns.items():
+            table.add_row(robot, f"{value:.1f}")
+        console = common.results()
+        if summary.returns:
+            console.print(table)
+            console.print()
+        console.print(
+            f"{summary.steps} steps and {common.count(summary.updates, 'update')} "
+            f"in {common.duration(summary.elapsed_s)}; run: {summary.run}"
+        )
+    if summary.interrupted:
+        typer.echo(f"stopped at a checkpoint; go on with: morphkit train --run {summary.run} --resume", err=True)
+        raise KeyboardInterrupt
+    if not quiet and not as_json:
+        subject = " ".join(hold_out) or "ROBOT"
+        typer.echo(f"next: morphkit evaluate {summary.run} {subject}", err=True)
