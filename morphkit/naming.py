@@ -1,0 +1,148 @@
+"""Names of limbs: their types, their names in plain words, and the patterns that pick them."""
+
+from __future__ import annotations
+
+import difflib
+import fnmatch
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+from morphkit import vocabulary
+from morphkit.errors import UnknownNameError
+from morphkit.morphology import Limb, Morphology
+
+
+def limb_type(name: str, type_words: Sequence[Sequence[str]]) -> str | None:
+    """The first type word that occurs in `name`, group by group; None where none does."""
+    return next((word for group in type_words for word in group if word.lower() in name.lower()), None)
+
+
+def canonical_limb_names(morphology: Morphology, given: Mapping[str, str]) -> dict[str, str]:
+    """Name every limb in plain words: end (front, back), side (left, right), segment, such as `front left thigh`.
+
+    Like limbs get like names whichever robot they are on, so that their text embeddings are shared.
+
+    Args:
+        morphology: The robot.
+        given: Raw limb name -> plain words, which go before the rules (`RobotInfo.canonical`). A variant is given its
+            source's whole table, so that cutting one limb never renames another.
+
+    Returns:
+        Raw limb name -> plain words in limb order, unique within the robot.
+    """
+    prefix = _shared_prefix(morphology)
+    names = {limb.name: given.get(limb.name) for limb in morphology.limbs}
+    taken = {fold(name) for name in given.values()}
+    for raw, name in names.items():
+        if name is None:
+            words = vocabulary.split(raw)
+            short = words[len(prefix) :] if words[: len(prefix)] == prefix and len(words) > len(prefix) else words
+            candidates = [vocabulary.plain(short), vocabulary.plain(words), " ".join(words)]
+            names[raw] = _first_free(candidates, taken)
+            taken.add(fold(names[raw] or ""))
+    resolved = [name or raw for raw, name in names.items()]
+    return dict(zip(names, unique(resolved, separator=" "), strict=True))
+
+
+def canonical_joint_names(limb: Limb, limb_name: str) -> dict[str, str]:
+    """Name the joints of a limb in plain words, without the words that `limb_name` says already.
+
+    A limb `right thigh` with the joints `right_hip_x` and `right_hip_y` gives `hip x` and `hip y`.
+    """
+    said = set(fold(limb_name).split())
+    whole = [vocabulary.plain(vocabulary.split(joint.name)) for joint in limb.joints]
+    short = [" ".join(word for word in words.split() if word not in said) for words in whole]
+    distinct = all(short) and len(set(short)) == len(short)
+    return dict(zip((joint.name for joint in limb.joints), unique(short if distinct else whole, " "), strict=True))
+
+
+def match_limbs(morphology: Morphology, pattern: str) -> list[str]:
+    """The limbs, and the links fixed to them, that `pattern` picks.
+
+    Args:
+        morphology: The robot.
+        pattern: A name; else a glob over names; else a limb type (`foot` picks `bfoot` and `ffoot`), which is a type
+            word of the family or, beside those, a segment in a canonical name.
+
+    Returns:
+        Names in file order, at least one.
+
+    Raises:
+        UnknownNameError: Where nothing matches; the message lists the limbs and the nearest name.
+    """
+    names = [member for limb in morphology.limbs for member in limb.members or (limb.name,)]
+    if pattern in names:
+        return [pattern]
+    picked = fnmatch.filter(names, pattern) or list(_of_type(morphology, pattern)) or _of_segment(names, pattern)
+    if not picked:
+        limbs = [limb.name for limb in morphology.limbs]
+        fixed = [name for name in names if name not in limbs]
+        words = [word for group in morphology.type_words for word in group]
+        raise UnknownNameError(
+            f"{morphology.file}: no limb of {morphology.name!r} is called {pattern!r}, nor does that match as a glob "
+            f"or a limb type{did_you_mean(pattern, [*names, *words])}\n  limbs: {', '.join(limbs)}"
+            + (f"\n  links fixed to them: {', '.join(fixed)}" if fixed else "")
+            + (f"\n  limb types: {', '.join(words)}" if words else "")
+        )
+    return picked
+
+
+def did_you_mean(name: str, names: Iterable[str]) -> str:
+    """`; did you mean ...?` with the nearest of `names`, or nothing where none is near."""
+    folded = {known.lower(): known for known in names}
+    near = difflib.get_close_matches(name.lower(), folded, n=1)
+    return f"; did you mean {folded[near[0]]!r}?" if near else ""
+
+
+def fold(name: str) -> str:
+    """What an uncased text encoder reads of a name: underscores as spaces, one case."""
+    return " ".join(name.replace("_", " ").split()).casefold()
+
+
+def unique(names: Iterable[str], separator: str = "_", taken: Iterable[str] = ()) -> list[str]:
+    """Number the names that read like an earlier one (or one of `taken`): `foot`, `foot_2`, `foot_3`."""
+    seen = {fold(name) for name in taken}
+    result = []
+    for name in names:
+        candidate, count = name, 1
+        while fold(candidate) in seen:
+            count += 1
+            candidate = f"{name}{separator}{count}"
+        seen.add(fold(candidate))
+        result.append(candidate)
+    return result
+
+
+def _shared_prefix(morphology: Morphology) -> list[str]:
+    """Words such as `panda` that open every limb's name but perhaps the root's, and so tell no limb from another."""
+    split = [vocabulary.split(limb.name) for limb in morphology.limbs[1:]]
+    shared: list[str] = []
+    if len(split) < 2:
+        return shared
+    for column in zip(*split, strict=False):
+        rests = [words[len(shared) + 1 :] for words in split]
+        if len(set(column)) > 1 or vocabulary.is_known(column[0]) or not all(any(map(str.isalpha, r)) for r in rests):
+            break
+        shared.append(column[0])
+    return shared
+
+
+def _first_free(candidates: Sequence[str], taken: set[str]) -> str:
+    return next((name for name in candidates if fold(name) not in taken), candidates[0])
+
+
+def _of_type(morphology: Morphology, word: str) -> Iterator[str]:
+    """Limbs of the type group that holds `word`, and links fixed to limbs whose own names say that type."""
+    group = next((group for group in morphology.type_words if word in group), ())
+    for limb in morphology.limbs:
+        if limb.type in group and limb.type is not None:
+            yield limb.name
+        for member in limb.members[1:]:
+            if limb_type(member, morphology.type_words) in group:
+                yield member
+
+
+def _of_segment(names: Sequence[str], word: str) -> list[str]:
+    segment = vocabulary.plain([word.lower()])
+    if segment in vocabulary.DIRECTIONS or not segment.isalpha():
+        return []
+    return [name for name in names if segment in vocabulary.plain(vocabulary.split(name)).split()]

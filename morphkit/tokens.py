@@ -1,0 +1,288 @@
+"""Sensor and actuator tokens: the named scalars that a robot's limbs sense and accept."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from morphkit import tokens_io
+from morphkit.morphology import Actuator, Base, Format, Joint, Limb, Morphology
+from morphkit.naming import canonical_joint_names, canonical_limb_names, unique
+from morphkit.vocabulary import plain, split
+
+Naming = Literal["raw", "canonical"]
+
+VELOCITY_LIMIT = 10.0
+"""What translational velocities are clipped to, m/s."""
+
+SCHEMA_VERSION = 1
+
+# quantity, components, unit, frame, limit
+_BODY_QUANTITIES: tuple[tuple[str, str, str, str | None, float | None], ...] = (
+    ("position", "xyz", "m", "world", None),
+    ("translational_velocity", "xyz", "m/s", "world", VELOCITY_LIMIT),
+    ("rotational_velocity", "xyz", "rad/s", "world", None),
+    ("exponential_map", "xyz", "rad", "world", None),
+    ("type", "0123", "1", None, None),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SensorToken:
+    """One scalar that a limb senses.
+
+    Attributes:
+        index: Place in the observation, from 0.
+        name: Name, unique in the robot, such as `ffoot_position_x`.
+        text: What the text encoder reads, unique in the robot, such as `ffoot position x`.
+        limb: Name of the limb in the description file.
+        quantity: `position`, `translational_velocity`, `rotational_velocity`, `exponential_map`, `type`, `angle`,
+            `joint_range_low` or `joint_range_high`.
+        component: `x`, `y` or `z`; `0` to `3` for `type`; None where there is one scalar only.
+        unit: Unit, `1` for a share or a flag.
+        frame: `world` (x positions are relative to the root limb's x), None for scalars without a frame.
+        low: What the value is clipped to from below; None where it is not clipped.
+        high: What the value is clipped to from above; None where it is not clipped.
+    """
+
+    index: int
+    name: str
+    text: str
+    limb: str
+    quantity: str
+    component: str | None
+    unit: str
+    frame: str | None
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class ActuatorToken:
+    """One scalar that an actuator accepts.
+
+    Attributes:
+        index: Place in the action and in the simulator's control vector, from 0.
+        name: Name, unique in the robot, such as `ffoot_ctrl`.
+        text: What the text encoder reads, unique in the robot.
+        limb: Name of the limb that it drives; None where it drives no single limb, such as a tendon.
+        joint: Name of the joint that it drives; None where it drives no single joint.
+        unit: Unit of the control.
+        low: Lower bound of the control; None where unbounded.
+        high: Upper bound of the control; None where unbounded.
+    """
+
+    index: int
+    name: str
+    text: str
+    limb: str | None
+    joint: str | None
+    unit: str
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class TokenLimb:
+    """A limb as tokens refer to it: names from the description file, the parent's too, and the family's type word."""
+
+    name: str
+    parent: str | None
+    type: str | None
+    joints: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class TokenSpec:
+    """All tokens of a robot, in the order of its observations and actions.
+
+    Attributes:
+        morphology: Name of the robot.
+        file: Basename of the description file.
+        format: `urdf` or `mjcf`.
+        sha256: SHA-256 of the file, hexadecimal.
+        naming: `raw` or `canonical`.
+        family: Name of the family or None.
+        task: Name of the task or None.
+        base: How the root is attached to the world.
+        limbs: The limbs, root first.
+        sensors: The scalars of an observation.
+        actuators: The scalars of an action.
+    """
+
+    morphology: str
+    file: str
+    format: Format
+    sha256: str
+    naming: Naming
+    family: str | None
+    task: str | None
+    base: Base
+    limbs: tuple[TokenLimb, ...]
+    sensors: tuple[SensorToken, ...]
+    actuators: tuple[ActuatorToken, ...]
+
+    schema_version = SCHEMA_VERSION
+
+    @cached_property
+    def token_limb(self) -> np.ndarray:
+        """Index into `limbs` of every sensor token, int64 (sensors,)."""
+        return self._limb_indices([sensor.limb for sensor in self.sensors])
+
+    @cached_property
+    def actuator_limb(self) -> np.ndarray:
+        """Index into `limbs` of every actuator token, int64 (actuators,); -1 where it drives no single limb."""
+        return self._limb_indices([actuator.limb for actuator in self.actuators])
+
+    def to_json(self) -> str:
+        """This specification as JSON, schema version 1; the same robot gives the same bytes."""
+        return tokens_io.to_json(self)
+
+    def to_csv(self) -> str:
+        """One row a token, sensors first, under a header; empty fields where there is nothing."""
+        return tokens_io.to_csv(self)
+
+    @staticmethod
+    def from_json(text: str) -> TokenSpec:
+        """Read what `to_json` wrote.
+
+        Raises:
+            DescriptionError: Where the text is no JSON, of another schema version, or lacks a key.
+        """
+        return tokens_io.from_json(text)
+
+    def _limb_indices(self, names: list[str | None]) -> np.ndarray:
+        index: dict[str | None, int] = {limb.name: i for i, limb in enumerate(self.limbs)}
+        indices = np.array([index.get(name, -1) for name in names], dtype=np.int64)
+        indices.flags.writeable = False
+        return indices
+
+
+def tokens(
+    morphology: Morphology,
+    *,
+    naming: Naming = "raw",
+    limb_names: Literal["body", "joint"] = "body",
+    text_style: Literal["words", "raw"] = "words",
+    canonical: Mapping[str, str] | None = None,
+) -> TokenSpec:
+    """Name every scalar that a robot's limbs sense and that its actuators accept.
+
+    Args:
+        morphology: The robot.
+        naming: `raw` takes the names in the file; `canonical` says side and segment in plain words.
+        limb_names: Whether a limb is called by its body's (link's) name or by that of its first joint. The root and
+            limbs without a joint keep their body's name.
+        text_style: `words` puts spaces for underscores in `text`; `raw` sends the name as it is, as published code did.
+        canonical: Raw limb name -> plain words, before the rules of `canonical` naming (`RobotInfo.canonical`).
+
+    Returns:
+        The tokens; names and texts are unique even for an uncased encoder: what reads like an earlier one is numbered.
+    """
+    labels = _limb_labels(morphology, naming, limb_names, canonical or {})
+    joints = {limb.name: _joint_labels(limb, naming, labels[limb.name]) for limb in morphology.limbs}
+    scalars = [scalar for limb in morphology.limbs for scalar in _limb_scalars(limb, joints[limb.name])]
+    names = unique(f"{labels[limb]}_{suffix}" for limb, suffix, *_ in scalars)
+    controls = unique(_actuator_names(morphology.actuators, naming, labels, joints), taken=names)
+
+    def text(name: str) -> str:
+        return name.replace("_", " ") if text_style == "words" else name
+
+    return TokenSpec(
+        morphology=morphology.name,
+        file=morphology.file,
+        format=morphology.format,
+        sha256=morphology.sha256,
+        naming=naming,
+        family=morphology.family,
+        task=morphology.task,
+        base=morphology.base,
+        limbs=tuple(
+            TokenLimb(limb.name, limb.parent, limb.type, tuple(joint.name for joint in limb.joints))
+            for limb in morphology.limbs
+        ),
+        sensors=tuple(
+            SensorToken(i, name, text(name), limb, quantity, component, unit, frame, limit and -limit, limit)
+            for i, (name, (limb, _, quantity, component, unit, frame, limit)) in enumerate(
+                zip(names, scalars, strict=True)
+            )
+        ),
+        actuators=tuple(
+            ActuatorToken(i, name, text(name), a.limb, a.joint, a.unit, _finite(a.low), _finite(a.high))
+            for i, (name, a) in enumerate(zip(controls, morphology.actuators, strict=True))
+        ),
+    )
+
+
+_Scalar = tuple[str, str, str, str | None, str, str | None, float | None]
+"""limb, suffix of the name, quantity, component, unit, frame, limit."""
+
+
+def _limb_scalars(limb: Limb, joint_labels: Mapping[str, str]) -> Iterator[_Scalar]:
+    for quantity, components, unit, frame, limit in _BODY_QUANTITIES:
+        for component in components:
+            yield limb.name, f"{quantity}_{component}", quantity, component, unit, frame, limit
+    joints: tuple[Joint | None, ...] = limb.joints or (None,)
+    for joint in joints:
+        start = f"{joint_labels[joint.name]}_" if joint and len(limb.joints) > 1 else ""
+        range_unit = "m" if joint and joint.kind == "slide" else "1"
+        for quantity, unit in (("angle", "1"), ("joint_range_low", range_unit), ("joint_range_high", range_unit)):
+            yield limb.name, start + quantity, quantity, None, unit, None, None
+
+
+def _limb_labels(
+    morphology: Morphology, naming: Naming, limb_names: str, canonical: Mapping[str, str]
+) -> dict[str, str]:
+    """What each limb is called in token names, by its name in the file."""
+    if limb_names == "body" and naming == "canonical":
+        return {limb: _underscored(name) for limb, name in canonical_limb_names(morphology, canonical).items()}
+    labels = [
+        limb.joints[0].name if limb_names == "joint" and limb.joints and limb.parent is not None else limb.name
+        for limb in morphology.limbs
+    ]
+    if naming == "canonical":
+        labels = [_underscored(plain(split(label))) for label in labels]
+    return dict(zip((limb.name for limb in morphology.limbs), unique(labels), strict=True))
+
+
+def _joint_labels(limb: Limb, naming: Naming, label: str) -> dict[str, str]:
+    if naming == "canonical":
+        return {joint: _underscored(name) for joint, name in canonical_joint_names(limb, label).items()}
+    return {joint.name: joint.name for joint in limb.joints}
+
+
+def _actuator_names(
+    actuators: tuple[Actuator, ...],
+    naming: Naming,
+    labels: Mapping[str, str],
+    joints: Mapping[str, Mapping[str, str]],
+) -> Iterator[str]:
+    """`<limb>_ctrl`; `<limb>_<joint>_ctrl` where a limb has several; the actuator's own name where that is no name."""
+    a_limb = Counter(actuator.limb for actuator in actuators)
+    a_joint = Counter((actuator.limb, actuator.joint) for actuator in actuators)
+    for actuator in actuators:
+        limb, joint = actuator.limb, actuator.joint
+        own = _underscored(plain(split(actuator.name))) if naming == "canonical" else actuator.name
+        if limb is None:
+            parts = (own,)
+        elif a_limb[limb] == 1:
+            parts = (labels[limb],)
+        elif joint is not None and a_joint[limb, joint] == 1:
+            parts = (labels[limb], joints[limb].get(joint, joint))
+        else:
+            parts = (labels[limb], own)
+        yield "_".join((*parts, "ctrl"))
+
+
+def _underscored(name: str) -> str:
+    return name.replace(" ", "_")
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,113 @@
+"""Token specifications as JSON (schema version 1) and CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from morphkit.errors import DescriptionError
+
+if TYPE_CHECKING:
+    from morphkit.tokens import TokenSpec
+
+_Record = TypeVar("_Record")
+
+_COLUMNS = (
+    *("kind", "index", "name", "text", "limb", "joint", "quantity", "component", "unit", "frame", "low", "high"),
+)
+
+
+def to_json(spec: TokenSpec) -> str:
+    """The specification as JSON: keys in the order of the schema, two spaces of indent, a newline at the end."""
+    document = {
+        "schema_version": spec.schema_version,
+        "morphology": spec.morphology,
+        "source": {"file": spec.file, "format": spec.format, "sha256": spec.sha256},
+        "naming": spec.naming,
+        "family": spec.family,
+        "task": spec.task,
+        "base": spec.base,
+        "limbs": [asdict(limb) for limb in spec.limbs],
+        "sensors": [asdict(sensor) for sensor in spec.sensors],
+        "actuators": [asdict(actuator) for actuator in spec.actuators],
+    }
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def to_csv(spec: TokenSpec) -> str:
+    """One row a token under a header, sensors first; `ctrl` is the quantity of an actuator."""
+    output = io.StringIO()
+    writer = csv.DictWriter(output, _COLUMNS, restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({"kind": "sensor", **asdict(sensor)} for sensor in spec.sensors)
+    writer.writerows({"kind": "actuator", "quantity": "ctrl", **asdict(actuator)} for actuator in spec.actuators)
+    return output.getvalue()
+
+
+def from_json(text: str) -> TokenSpec:
+    """Read the JSON of a token specification.
+
+    Raises:
+        DescriptionError: Where the text is no JSON, of another schema version, lacks a key or contradicts itself.
+    """
+    from morphkit.tokens import SCHEMA_VERSION, ActuatorToken, SensorToken, TokenLimb, TokenSpec
+
+    try:
+        document = json.loads(text)
+    except ValueError as error:
+        raise DescriptionError(f"token specification: no JSON: {error}") from error
+    version = _get(document, "schema_version", "")
+    if version != SCHEMA_VERSION:
+        raise DescriptionError(
+            f"token specification: schema_version is {version!r}, this morphkit reads {SCHEMA_VERSION}; "
+            "write the file anew with `morphkit tokens ROBOT --format json`"
+        )
+    source = _get(document, "source", "")
+    limbs = [
+        TokenLimb(**{**limb, "joints": tuple(limb["joints"])})
+        for limb in (_record(TokenLimb, item, f"limbs[{i}]") for i, item in enumerate(_list(document, "limbs")))
+    ]
+    sensors = [_record(SensorToken, item, f"sensors[{i}]") for i, item in enumerate(_list(document, "sensors"))]
+    actuators = [_record(ActuatorToken, item, f"actuators[{i}]") for i, item in enumerate(_list(document, "actuators"))]
+    _check_references({limb.name for limb in limbs}, sensors=sensors, actuators=actuators)
+    return TokenSpec(
+        morphology=_get(document, "morphology", ""),
+        **{key: _get(source, key, "source") for key in ("file", "format", "sha256")},
+        **{key: _get(document, key, "") for key in ("naming", "family", "task", "base")},
+        limbs=tuple(limbs),
+        sensors=tuple(SensorToken(**sensor) for sensor in sensors),
+        actuators=tuple(ActuatorToken(**actuator) for actuator in actuators),
+    )
+
+
+def _record(cls: type[_Record], item: Any, where: str) -> dict[str, Any]:
+    """The fields of `cls` out of `item`, each of which must be there."""
+    return {field.name: _get(item, field.name, where) for field in fields(cls)}  # type: ignore[arg-type]
+
+
+def _list(document: Any, key: str) -> list[Any]:
+    value = _get(document, key, "")
+    if not isinstance(value, list):
+        raise DescriptionError(f"token specification: {key!r} must be a list, not {type(value).__name__}")
+    return value
+
+
+def _get(item: Any, key: str, where: str) -> Any:
+    if not isinstance(item, Mapping):
+        raise DescriptionError(f"token specification: {where or 'the document'} must be an object")
+    if key not in item:
+        raise DescriptionError(f"token specification: {where + '.' if where else ''}{key} is missing")
+    return item[key]
+
+
+def _check_references(limbs: set[str], **lists: list[dict[str, Any]]) -> None:
+    for kind, records in lists.items():
+        for i, record in enumerate(records):
+            if record["index"] != i:
+                raise DescriptionError(f"token specification: {kind}[{i}].index is {record['index']!r}, expected {i}")
+            if record["limb"] not in limbs and not (kind == "actuators" and record["limb"] is None):
+                raise DescriptionError(f"token specification: {kind}[{i}].limb {record['limb']!r} is not among limbs")
