@@ -1,0 +1,150 @@
+"""The control inputs of an MJCF model: what each drives, its range and its unit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import mujoco
+
+from morphkit.errors import DescriptionError
+from morphkit.io.common import nearest
+from morphkit.morphology import Actuator
+
+_TRN = mujoco.mjtTrn
+_INPUT = mujoco.mjtCtrlInput
+_INPUTS = {
+    int(_INPUT.mjINPUT_POS): "position",
+    int(_INPUT.mjINPUT_VEL): "velocity",
+    int(_INPUT.mjINPUT_FF): "force",
+    int(_INPUT.mjINPUT_VOLTAGE): "voltage",
+}
+_DEFAULT_INPUTS = {
+    mujoco.mjtGain.mjGAIN_PID: int(_INPUT.mjINPUT_POS) | int(_INPUT.mjINPUT_VEL),
+    mujoco.mjtGain.mjGAIN_DCMOTOR: int(_INPUT.mjINPUT_VOLTAGE),
+}
+_QUANTITIES = {
+    mujoco.mjtActuator.mjACTUATOR_MOTOR: "force",
+    mujoco.mjtActuator.mjACTUATOR_POSITION: "position",
+    mujoco.mjtActuator.mjACTUATOR_VELOCITY: "velocity",
+    mujoco.mjtActuator.mjACTUATOR_INTVELOCITY: "velocity",
+}
+_ANGULAR = {"force": "N*m", "position": "rad", "velocity": "rad/s"}
+_LINEAR = {"force": "N", "position": "m", "velocity": "m/s"}
+
+
+def read_actuators(spec: mujoco.MjSpec, limb_of: Mapping[str, str], *, file: str) -> tuple[Actuator, ...]:
+    """Return the control inputs of a parsed model, in file order.
+
+    An actuator with several inputs, such as `pid`, counts once an input. Actuators that drive only what lies outside
+    the robot (another top-level body) are left out.
+
+    Args:
+        spec: The parsed model; its bodies, joints and actuators are all named.
+        limb_of: Body name -> limb name, for the bodies of the robot.
+        file: What the file is called in messages.
+
+    Raises:
+        DescriptionError: An actuator drives a joint, site, body or tendon that does not exist.
+    """
+    found: list[Actuator] = []
+    for actuator in spec.actuators:
+        joint, body = _target(spec, actuator, file)
+        if body is not None and body not in limb_of:
+            continue
+        limb = limb_of[body] if body is not None else None
+        for suffix, quantity, (low, high) in _inputs(spec, actuator, joint):
+            found.append(
+                Actuator(
+                    name=actuator.name + suffix,
+                    limb=limb,
+                    joint=joint.name if joint is not None else None,
+                    low=low,
+                    high=high,
+                    unit=_unit(actuator, joint, quantity),
+                )
+            )
+    return tuple(found)
+
+
+def _target(spec: mujoco.MjSpec, actuator: Any, file: str) -> tuple[Any | None, str | None]:
+    """Return the joint and the body name that an actuator drives; None for what it does not have."""
+    kind, name = actuator.trntype, actuator.target
+    joints = kind in (_TRN.mjTRN_JOINT, _TRN.mjTRN_JOINTINPARENT, _TRN.mjTRN_SO3)
+    if joints and (joint := spec.joint(name)) is not None:
+        return joint, joint.parent.name
+    if kind == _TRN.mjTRN_TENDON and spec.tendon(name) is not None:
+        return None, None
+    if kind == _TRN.mjTRN_BODY and spec.body(name) is not None:
+        return None, name
+    sites = kind in (_TRN.mjTRN_SITE, _TRN.mjTRN_SLIDERCRANK, _TRN.mjTRN_SO3)
+    if sites and (site := spec.site(name)) is not None:
+        return None, site.parent.name
+    what, known = {
+        _TRN.mjTRN_TENDON: ("tendon", spec.tendons),
+        _TRN.mjTRN_BODY: ("body", spec.bodies),
+        _TRN.mjTRN_SITE: ("site", spec.sites),
+        _TRN.mjTRN_SLIDERCRANK: ("site", spec.sites),
+    }.get(kind, ("joint", spec.joints))
+    hint = nearest(name, [element.name for element in known])
+    raise DescriptionError(f"{file}: actuator {actuator.name!r} drives {what} {name!r}, which does not exist{hint}")
+
+
+def _inputs(spec: mujoco.MjSpec, actuator: Any, joint: Any | None) -> Iterator[tuple[str, str, tuple[float, float]]]:
+    """Yield name suffix, quantity and range of each control input of an actuator."""
+    bounds = _bounds(spec, actuator, joint)
+    if actuator.gaintype == mujoco.mjtGain.mjGAIN_SO3:
+        quaternion = actuator.ctrlspec == int(mujoco.mjtCtrlChart.mjCHART_QUAT)
+        for axis in "wxyz" if quaternion else "xyz":
+            yield f"_{axis}", "" if quaternion else "position", bounds
+    elif actuator.gaintype in _DEFAULT_INPUTS:
+        bits = int(actuator.ctrlspec) or _DEFAULT_INPUTS[actuator.gaintype]
+        names = [name for bit, name in _INPUTS.items() if bit & bits]
+        for name in names:
+            own = {"velocity": actuator.velrange, "force": actuator.ffrange}.get(name)
+            yield f"_{name}" if len(names) > 1 else "", name, bounds if own is None else _interval(own)
+    else:
+        yield "", _QUANTITIES.get(actuator.type, ""), bounds
+
+
+def _bounds(spec: mujoco.MjSpec, actuator: Any, joint: Any | None) -> tuple[float, float]:
+    """Range of an actuator's first control input; `inheritrange` takes the joint's."""
+    share = float(actuator.inheritrange)
+    if share > 0 and joint is not None and actuator.dyntype != mujoco.mjtDyn.mjDYN_INTEGRATOR:
+        low, high = joint_range(joint)
+        middle, half = (low + high) / 2, (high - low) / 2 * share
+        return _interval((middle - half, middle + half))
+    low, high = (float(value) for value in actuator.ctrlrange)
+    return (low, high) if is_limited(spec, actuator.ctrllimited, low, high) else (-math.inf, math.inf)
+
+
+def _interval(limits: Sequence[float]) -> tuple[float, float]:
+    low, high = float(limits[0]), float(limits[1])
+    return (low, high) if low < high else (-math.inf, math.inf)
+
+
+def _unit(actuator: Any, joint: Any | None, quantity: str) -> str:
+    if quantity == "voltage":
+        return "V"
+    gear = math.sqrt(sum(float(value) ** 2 for value in actuator.gear))
+    if joint is None or not math.isclose(gear, 1.0):
+        return "1"
+    if joint.type == mujoco.mjtJoint.mjJNT_FREE:
+        return "1"
+    return (_LINEAR if joint.type == mujoco.mjtJoint.mjJNT_SLIDE else _ANGULAR).get(quantity, "1")
+
+
+def joint_range(joint: Any) -> tuple[float, float]:
+    """Range of an MjSpec joint in rad or m, whatever its file's unit."""
+    low, high = (float(value) for value in joint.range)
+    if joint.compiler.degree and joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_BALL):
+        return math.radians(low), math.radians(high)
+    return low, high
+
+
+def is_limited(spec: mujoco.MjSpec, flag: Any, low: float, high: float) -> bool:
+    """Whether a range counts, given its `limited` attribute; MuJoCo's rule, `autolimits` included."""
+    if flag == mujoco.mjtLimited.mjLIMITED_AUTO:
+        return bool(spec.compiler.autolimits) and low < high
+    return bool(flag == mujoco.mjtLimited.mjLIMITED_TRUE)

@@ -1,0 +1,67 @@
+"""What both readers share: limb types, unique names, and the choice among several roots."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Collection, Iterable, Sequence
+
+from morphkit.description import RobotInfo
+from morphkit.errors import DescriptionError, UnknownNameError
+
+
+def limb_type(info: RobotInfo, body: str, joints: Iterable[str]) -> str | None:
+    """Return the first word of the first group of type words of which a word occurs in the limb's name.
+
+    Args:
+        info: Its `type_matched_in` says whether the body's name counts or those of its joints.
+        body: Name of the limb's body.
+        joints: Names of its moving joints; base joints do not count.
+    """
+    names = [body] if info.type_matched_in == "body" else list(joints)
+    for group in info.type_words:
+        if any(word in name for word in group for name in names):
+            return group[0]
+    return None
+
+
+def unique(name: str, taken: Collection[str]) -> str:
+    """Return `name`, or `name_2`, `name_3`, ... where it is taken."""
+    candidate, number = name, 1
+    while candidate in taken:
+        number += 1
+        candidate = f"{name}_{number}"
+    return candidate
+
+
+def nearest(name: str, names: Iterable[str]) -> str:
+    """Return `; did you mean 'x'?` for the name closest to `name`, or nothing."""
+    close = difflib.get_close_matches(name, list(names), n=1)
+    return f"; did you mean {close[0]!r}?" if close else ""
+
+
+def choose_root(roots: Sequence[str], wanted: str | None, *, file: str, element: str) -> str:
+    """Return the root to take.
+
+    Args:
+        roots: Names of the top-level bodies or links, in file order.
+        wanted: `Description.root`.
+        file: What the file is called in messages.
+        element: `body` or `link`.
+
+    Raises:
+        UnknownNameError: `wanted` is not among them.
+        DescriptionError: There are several and `wanted` is None.
+    """
+    listed = ", ".join(roots)
+    if wanted is not None:
+        if wanted not in roots:
+            raise UnknownNameError(
+                f"{file}: no top-level {element} {wanted!r}{nearest(wanted, roots)} Top-level: {listed}"
+            )
+        return wanted
+    if len(roots) > 1:
+        raise DescriptionError(
+            f"{file}: {len(roots)} top-level {element} elements, expected one: {listed}. Say which with --root NAME,"
+            " or join them"
+        )
+    return roots[0]

@@ -1,0 +1,217 @@
+"""MJCF files into `Morphology`, through MuJoCo's own parser, without compiling: meshes may be missing."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import mujoco
+import numpy as np
+from lxml import etree
+
+from morphkit.description import Description
+from morphkit.errors import AssetError, DescriptionError
+from morphkit.io import xml
+from morphkit.io.actuators import is_limited, joint_range, read_actuators
+from morphkit.io.common import choose_root, limb_type, unique
+from morphkit.io.resolve import flatten_includes, resolve_asset
+from morphkit.morphology import Base, Joint, JointKind, Limb, Morphology, Sensor
+
+_KINDS: dict[Any, JointKind] = {
+    mujoco.mjtJoint.mjJNT_HINGE: "hinge",
+    mujoco.mjtJoint.mjJNT_SLIDE: "slide",
+    mujoco.mjtJoint.mjJNT_BALL: "ball",
+    mujoco.mjtJoint.mjJNT_FREE: "free",
+}
+
+
+def read_mjcf(description: Description) -> Morphology:
+    """Read an MJCF description.
+
+    A body without joints belongs to the limb that carries it. The joints of the root body say how it is attached: a
+    free joint, or two slides and a hinge across them, are its base. A root with other joints, such as an arm whose
+    first link turns on the world, has base `fixed`: they too are no part of the root limb, whose pose tokens show
+    their state, but the actuators that drive them name them.
+
+    Raises:
+        DescriptionError: Not MJCF, a name used twice, no body, or several top-level bodies and no `description.root`.
+        AssetError: An included file is missing.
+        UnknownNameError: `description.root` is no top-level body.
+    """
+    file, info = description.file, description.info
+    spec = parse_spec(description)
+    tops = spec.worldbody.bodies
+    if not tops:
+        raise DescriptionError(f"{file}: no <body> in <worldbody>; a robot needs at least one")
+    root_name = choose_root([body.name for body in tops], description.root, file=file, element="body")
+    root = next(body for body in tops if body.name == root_name)
+    limb_of, joints_of = _limbs(root)
+    members: dict[str, list[str]] = {}
+    parents: dict[str, str | None] = {}
+    for body in subtree(root):
+        limb = limb_of[body.name]
+        members.setdefault(limb, []).append(body.name)
+        if limb == body.name:
+            parents[limb] = None if body is root else limb_of[body.parent.name]
+    limbs = []
+    for name, parent in parents.items():
+        joints = () if parent is None else tuple(_joint(spec, joint) for joint in joints_of[name])
+        kind = limb_type(info, name, [joint.name for joint in joints])
+        limbs.append(Limb(name=name, parent=parent, joints=joints, members=tuple(members[name]), type=kind))
+    return Morphology(
+        name=description.name,
+        file=file,
+        format="mjcf",
+        sha256=description.sha256,
+        base=info.base or _base(joints_of[root.name]),
+        family=info.family,
+        task=info.task,
+        type_words=info.type_words,
+        limbs=tuple(limbs),
+        actuators=read_actuators(spec, limb_of, file=file),
+        sensors=tuple(_sensors(spec, limb_of)),
+    )
+
+
+def parse_spec(description: Description) -> mujoco.MjSpec:
+    """Parse a description with MuJoCo, includes flattened, every body, joint and actuator named; nothing is compiled.
+
+    Raises:
+        DescriptionError: MuJoCo does not accept it, or two elements of a kind have one name.
+        AssetError: An included file is missing.
+    """
+    file = description.file
+    tree = xml.parse(description.source, file=file)
+    if xml.root_format(tree, file=file) != "mjcf":
+        raise DescriptionError(f"{file}:{tree.getroot().sourceline}: a URDF file, expected MJCF")
+    flat = flatten_includes(tree, description.folder, file=file)
+    edited = flat is not tree
+    for model in flat.iterfind("asset/model"):
+        reference = model.get("file")
+        if reference and description.folder is not None:
+            try:
+                model.set("file", str(resolve_asset(reference, description.folder)))
+            except AssetError as error:
+                raise AssetError(f"{file}:{model.sourceline}: {error}") from None
+            edited = True
+    if edited:
+        text = etree.tostring(flat.getroot(), encoding="unicode")
+    else:
+        text = description.source.decode(tree.docinfo.encoding or "utf-8").lstrip("\ufeff")
+        text = re.sub(r"^<\?xml.*?\?>", lambda match: "\n" * match[0].count("\n"), text, flags=re.DOTALL)
+    try:
+        spec = mujoco.MjSpec.from_string(text)
+    except Exception as error:
+        raise _mujoco_error(error, file, exact=not edited) from None
+    _refuse_duplicates(spec, file, exact=not edited)
+    name_elements(spec)
+    return spec
+
+
+def name_elements(spec: mujoco.MjSpec) -> None:
+    """Give every unnamed body, joint and actuator of `spec` its deterministic name, in place.
+
+    A body is called `body_<id>` by its id in the compiled model, a joint `<body>_joint`, an actuator after what it
+    drives; a number is added where the name is taken.
+    """
+    taken = {body.name for body in spec.bodies}
+    for number, body in enumerate(spec.bodies):
+        if not body.name:
+            body.name = unique(f"body_{number}", taken)
+            taken.add(body.name)
+    taken = {joint.name for joint in spec.joints}
+    for joint in spec.joints:
+        if not joint.name:
+            joint.name = unique(f"{joint.parent.name}_joint", taken)
+            taken.add(joint.name)
+    taken = {actuator.name for actuator in spec.actuators}
+    for actuator in spec.actuators:
+        if not actuator.name:
+            actuator.name = unique(actuator.target or "actuator", taken)
+            taken.add(actuator.name)
+
+
+def subtree(root: Any) -> Iterator[Any]:
+    """Yield an MjSpec body and all bodies below it, depth first in file order."""
+    pending = [root]
+    while pending:
+        body = pending.pop()
+        yield body
+        pending.extend(reversed(body.bodies))
+
+
+def _limbs(root: Any) -> tuple[dict[str, str], dict[str, list[Any]]]:
+    limb_of: dict[str, str] = {}
+    joints_of: dict[str, list[Any]] = {}
+    for body in subtree(root):
+        joints = list(body.joints)
+        joints_of[body.name] = joints
+        limb_of[body.name] = body.name if joints or body is root else limb_of[body.parent.name]
+    return limb_of, joints_of
+
+
+def _joint(spec: mujoco.MjSpec, joint: Any) -> Joint:
+    kind = _KINDS[joint.type]
+    low, high = joint_range(joint)
+    limited = is_limited(spec, joint.limited, low, high) and kind != "free"
+    return Joint(joint.name, kind, limited, low if limited else 0.0, high if limited else 0.0)
+
+
+def _base(joints: list[Any]) -> Base:
+    kinds = sorted(_KINDS[joint.type] for joint in joints)
+    if kinds == ["free"] or kinds in (["ball", "slide", "slide", "slide"], ["hinge"] * 3 + ["slide"] * 3):
+        return "free"
+    if kinds == ["hinge", "slide", "slide"]:
+        hinge = next(joint for joint in joints if _KINDS[joint.type] == "hinge")
+        slides = [joint for joint in joints if joint is not hinge]
+        if all(abs(float(np.dot(hinge.axis, slide.axis))) < 1e-6 for slide in slides):
+            return "planar"
+    return "fixed"
+
+
+def _sensors(spec: mujoco.MjSpec, limb_of: dict[str, str]) -> Iterator[Sensor]:
+    taken: set[str] = {sensor.name for sensor in spec.sensors}
+    for sensor in spec.sensors:
+        kind = sensor.type.name.removeprefix("mjSENS_").lower()
+        name = sensor.name or unique("_".join(part for part in (kind, sensor.objname) if part), taken)
+        taken.add(name)
+        yield Sensor(name, kind, limb_of.get(_body_of(spec, sensor.objtype, sensor.objname)))
+
+
+def _body_of(spec: mujoco.MjSpec, kind: Any, name: str) -> str:
+    obj = mujoco.mjtObj
+    if kind in (obj.mjOBJ_BODY, obj.mjOBJ_XBODY):
+        return name
+    look_up = {
+        obj.mjOBJ_JOINT: spec.joint,
+        obj.mjOBJ_GEOM: spec.geom,
+        obj.mjOBJ_SITE: spec.site,
+        obj.mjOBJ_CAMERA: spec.camera,
+    }.get(kind)
+    element = look_up(name) if look_up is not None else None
+    return element.parent.name if element is not None else ""
+
+
+def _refuse_duplicates(spec: mujoco.MjSpec, file: str, *, exact: bool) -> None:
+    for label, elements in (("bodies", spec.bodies), ("joints", spec.joints), ("actuators", spec.actuators)):
+        seen: dict[str, str] = {}
+        for element in elements:
+            line = _line(element.info) if exact else ""
+            if element.name and element.name in seen:
+                first = f" (the first in line {seen[element.name]})" if seen[element.name] else ""
+                where = f"{file}:{line}" if line else file
+                raise DescriptionError(f"{where}: two {label} are called {element.name!r}{first}; rename one of them")
+            seen[element.name] = line
+
+
+def _line(info: str) -> str:
+    match = re.search(r"line (\d+)", info or "")
+    return match[1] if match else ""
+
+
+def _mujoco_error(error: Exception, file: str, *, exact: bool) -> DescriptionError:
+    text = str(error).strip()
+    line = _line(text) if exact else ""
+    reason = " ".join(re.sub(r"^(XML )?Error:", "", text).split())
+    return DescriptionError(f"{file}{':' + line if line else ''}: MuJoCo does not accept this MJCF: {reason}")

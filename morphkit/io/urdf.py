@@ -1,0 +1,191 @@
+"""URDF files into `Morphology`: lxml checks the source and names lines, yourdfpy says what it means."""
+
+from __future__ import annotations
+
+import io
+import logging
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from lxml import etree
+
+from morphkit.description import Description
+from morphkit.errors import DescriptionError
+from morphkit.io import xml
+from morphkit.io.common import choose_root, limb_type, unique
+from morphkit.io.urdf_checks import check_urdf
+from morphkit.morphology import Actuator, Base, Joint, JointKind, Limb, Morphology, Sensor
+
+WORLD = "world"
+_KINDS: dict[str, JointKind] = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "spherical": "ball"}
+_UNITS: dict[JointKind, str] = {"hinge": "N*m", "slide": "N", "ball": "N*m", "free": "1"}
+
+
+def read_urdf(description: Description) -> Morphology:
+    """Read a URDF description.
+
+    A link on a fixed joint belongs to the limb that carries it. A root link called `world` is the world, as in MuJoCo:
+    its child is the root, and the joint between them says how it is attached (`fixed`, `floating` or `planar`). A
+    planar joint further down becomes the three joints `_TX`, `_TY` and `_RZ` that MuJoCo makes of it.
+
+    Actuators come from the transmissions; without any, each joint with an effort limit that mimics no other has one.
+
+    Raises:
+        DescriptionError: Not a URDF, a link or joint that is missing, named twice or in a cycle, several roots and no
+            `description.root`; the message says in which line.
+        UnknownNameError: `description.root` is no root link.
+    """
+    file, info = description.file, description.info
+    tree = xml.parse(description.source, file=file)
+    if xml.root_format(tree, file=file) != "urdf":
+        raise DescriptionError(f"{file}:{tree.getroot().sourceline}: an MJCF file, expected URDF")
+    roots = check_urdf(tree, file=file)
+    robot = _robot(tree, file)
+    below: dict[str, list[Any]] = {}
+    for joint in robot.joints:
+        below.setdefault(joint.parent, []).append(joint)
+    root, attached = _root(roots, below, description)
+    limbs, limb_of, limb_joints = _limbs(root, below, description)
+    base: Base = {"floating": "free", "planar": "planar"}.get(attached or "", "fixed")  # type: ignore[assignment]
+    return Morphology(
+        name=description.name,
+        file=file,
+        format="urdf",
+        sha256=description.sha256,
+        base=info.base or base,
+        family=info.family,
+        task=info.task,
+        type_words=info.type_words,
+        limbs=limbs,
+        actuators=_actuators(tree, robot, limb_joints),
+        sensors=tuple(_sensors(tree, limb_of, limb_joints)),
+    )
+
+
+def _robot(tree: etree._ElementTree, file: str) -> Any:
+    """The file as yourdfpy understands it; no mesh is opened."""
+    import yourdfpy
+
+    logging.getLogger("yourdfpy.urdf").setLevel(logging.CRITICAL)
+    try:
+        return yourdfpy.URDF.load(io.BytesIO(xml.serialize(tree)), load_meshes=False, build_scene_graph=False).robot
+    except Exception as error:
+        raise DescriptionError(f"{file}: cannot be read as URDF: {error}") from error
+
+
+def _root(roots: tuple[str, ...], below: dict[str, list[Any]], description: Description) -> tuple[str, str | None]:
+    """Return the root limb's link and the type of the joint that attaches it to a `world` link, if any."""
+    joint_to = {joint.child: joint for joint in below.get(WORLD, ())} if WORLD in roots else {}
+    tops = [name for root in roots for name in (joint_to if root == WORLD and joint_to else (root,))]
+    root = choose_root(tops, description.root, file=description.file, element="link")
+    return root, joint_to[root].type if root in joint_to else None
+
+
+def _limbs(
+    root: str, below: dict[str, list[Any]], description: Description
+) -> tuple[tuple[Limb, ...], dict[str, str], dict[str, tuple[str, Joint]]]:
+    """Return the limbs, link name -> limb name, and joint name in the file -> (limb name, joint)."""
+    file, info = description.file, description.info
+    limb_of = {root: root}
+    members: dict[str, list[str]] = {root: [root]}
+    parents: dict[str, str | None] = {root: None}
+    joints: dict[str, tuple[Joint, ...]] = {root: ()}
+    in_file: dict[str, tuple[str, Joint]] = {}
+    pending = list(reversed(below.get(root, ())))
+    while pending:
+        joint = pending.pop()
+        carrier, link = limb_of[joint.parent], joint.child
+        if joint.type == "fixed":
+            limb_of[link] = carrier
+            members[carrier].append(link)
+        else:
+            moving = _joints(joint, file)
+            limb_of[link], members[link], parents[link], joints[link] = link, [link], carrier, moving
+            if len(moving) == 1:
+                in_file[joint.name] = (link, moving[0])
+        pending.extend(reversed(below.get(link, ())))
+    limbs = tuple(
+        Limb(
+            name=name,
+            parent=parent,
+            joints=joints[name],
+            members=tuple(members[name]),
+            type=limb_type(info, name, [joint.name for joint in joints[name]]),
+        )
+        for name, parent in parents.items()
+    )
+    return limbs, limb_of, in_file
+
+
+def _joints(joint: Any, file: str) -> tuple[Joint, ...]:
+    if joint.type == "floating":
+        raise DescriptionError(
+            f"{file}: floating joint {joint.name!r} hangs on link {joint.parent!r}; only the root can float. Call the"
+            " link that it hangs on 'world', or make the joint another type"
+        )
+    limit = joint.limit
+    low = float(limit.lower or 0.0) if limit is not None else 0.0
+    high = float(limit.upper or 0.0) if limit is not None else 0.0
+    limited = joint.type != "continuous" and low < high
+    low, high = (low, high) if limited else (0.0, 0.0)
+    if joint.type == "planar":
+        return (
+            Joint(f"{joint.name}_TX", "slide", limited, low, high),
+            Joint(f"{joint.name}_TY", "slide", False, 0.0, 0.0),
+            Joint(f"{joint.name}_RZ", "hinge", False, 0.0, 0.0),
+        )
+    return (Joint(joint.name, _KINDS[joint.type], limited, low, high),)
+
+
+def _actuators(tree: etree._ElementTree, robot: Any, limb_joints: dict[str, tuple[str, Joint]]) -> tuple[Actuator, ...]:
+    described = {joint.name: joint for joint in robot.joints}
+    transmissions = list(_transmissions(tree))
+    if not transmissions:
+        transmissions = [(joint.name, joint.name) for joint in robot.joints if _effort(joint) > 0]
+    found: list[Actuator] = []
+    taken: set[str] = set()
+    for name, joint_name in transmissions:
+        if joint_name not in limb_joints or described[joint_name].mimic is not None:
+            continue
+        limb, joint = limb_joints[joint_name]
+        effort = _effort(described[joint_name]) or math.inf
+        name = unique(name, taken)
+        taken.add(name)
+        found.append(Actuator(name, limb, joint_name, -effort, effort, _UNITS[joint.kind]))
+    return tuple(found)
+
+
+def _effort(joint: Any) -> float:
+    """The joint's effort limit in N*m or N; 0 where it has none."""
+    return max(float(joint.limit.effort or 0.0), 0.0) if joint.limit is not None else 0.0
+
+
+def _transmissions(tree: etree._ElementTree) -> Iterator[tuple[str, str]]:
+    """Yield actuator name and joint name of each transmission; the n-th actuator drives the n-th joint."""
+    for block in tree.getroot().iterchildren("transmission"):
+        joints = [element.get("name") for element in block.iterchildren("joint")]
+        actuators = [element.get("name") for element in block.iterchildren("actuator")]
+        for position, joint in enumerate(joints):
+            name = actuators[position] if position < len(actuators) else None
+            if joint:
+                yield name or joint, joint
+
+
+def _sensors(
+    tree: etree._ElementTree, limb_of: dict[str, str], limb_joints: dict[str, tuple[str, Joint]]
+) -> Iterator[Sensor]:
+    root = tree.getroot()
+    for element in root.iterchildren("sensor"):
+        parent = element.find("parent")
+        link = parent.get("link") if parent is not None else None
+        kind = next((child.tag for child in element if isinstance(child.tag, str) and child.tag not in _PLACING), "")
+        yield Sensor(element.get("name") or "sensor", element.get("type") or kind, limb_of.get(link or ""))
+    for block in root.iterchildren("gazebo"):
+        reference = block.get("reference") or ""
+        limb = limb_of.get(reference) or limb_joints.get(reference, (None,))[0]
+        for element in block.iterchildren("sensor"):
+            yield Sensor(element.get("name") or "sensor", element.get("type") or "", limb)
+
+
+_PLACING = ("parent", "origin")
