@@ -45,8 +45,14 @@ def notes() -> Console:
 def _console(stream: Any) -> Console:
     from rich.console import Console
 
+    class PipeConsole(Console):
+        """Leaves a closed pipe to `main`, which ends quietly; rich itself would exit with 1."""
+
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
     width = None if stream.isatty() or "COLUMNS" in os.environ else PIPE_WIDTH
-    return Console(file=stream, width=width, highlight=False, emoji=False, markup=False, soft_wrap=False)
+    return PipeConsole(file=stream, width=width, highlight=False, emoji=False, markup=False, soft_wrap=False)
 
 
 def table(*columns: str, right: tuple[str, ...] = ()) -> Table:
