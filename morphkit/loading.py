@@ -1,0 +1,147 @@
+"""A robot description -> an `MjSpec` of exactly what the file says, with every mesh and texture resolved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+
+from morphkit.description import Description
+from morphkit.errors import AssetError, DescriptionError
+from morphkit.io import resolve, xml
+
+MUJOCO_MESHES = {".stl", ".obj", ".msh"}
+
+
+def load_spec(description: Description) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
+    """Parse a description into an MjSpec that compiles without touching the file system again.
+
+    A URDF goes through MuJoCo's importer with `fusestatic="false" discardvisual="false"`, so that fixed links and visuals
+    survive. A mesh that only decorates (no contact, no part in masses) is dropped where it cannot be found.
+
+    Returns:
+        The spec and one sentence for each thing that was dropped.
+
+    Raises:
+        DescriptionError: MuJoCo cannot parse the file.
+        AssetError: A mesh, height field or included file that the simulation needs is missing.
+    """
+    tree = xml.parse(description.source, file=description.file)
+    references: dict[str, str] = {}
+    if description.format == "urdf":
+        references = _prepare_urdf(tree)
+    elif description.folder is not None:
+        resolve.flatten_includes(tree, description.folder)
+    try:
+        spec = mujoco.MjSpec.from_string(xml.serialize(tree).decode())
+    except ValueError as error:
+        raise DescriptionError(f"{description.file}: MuJoCo cannot read it: {error}") from error
+    notes = [*_resolve_meshes(spec, description, references), *_resolve_images(spec, description)]
+    spec.meshdir = spec.texturedir = ""
+    return spec, tuple(notes)
+
+
+def compile_spec(spec: mujoco.MjSpec, file: str) -> mujoco.MjModel:
+    """Compile `spec`; what MuJoCo complains about becomes a DescriptionError that names `file`."""
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise DescriptionError(f"{file}: MuJoCo cannot compile it: {error}") from error
+
+
+def _prepare_urdf(tree: Any) -> dict[str, str]:
+    """Insert the importer's options; give every mesh reference a short unique file name and return name -> reference."""
+    mujoco_element = tree.find("mujoco")
+    if mujoco_element is None:
+        mujoco_element = tree.makeelement("mujoco", {})
+        tree.append(mujoco_element)
+    compiler = mujoco_element.find("compiler")
+    if compiler is None:
+        compiler = mujoco_element.makeelement("compiler", {})
+        mujoco_element.insert(0, compiler)
+    compiler.attrib.pop("meshdir", None)
+    for key, value in {"fusestatic": "false", "discardvisual": "false", "strippath": "false"}.items():
+        compiler.set(key, value)
+    names: dict[str, str] = {}
+    for mesh in tree.iter("mesh"):
+        reference = mesh.get("filename", "")
+        mesh.set("filename", names.setdefault(reference, f"{len(names)}_{Path(reference).name}"))
+    return {name: reference for reference, name in names.items()}
+
+
+def _resolve_meshes(spec: mujoco.MjSpec, description: Description, references: dict[str, str]) -> list[str]:
+    notes = []
+    for mesh in list(spec.meshes):
+        if not mesh.file:
+            continue
+        reference = references.get(mesh.file) or str(Path(spec.meshdir) / mesh.file)
+        users = [geom for geom in spec.geoms if geom.meshname == mesh.name]
+        try:
+            name, content = _mesh_bytes(reference, description)
+        except AssetError as error:
+            if not all(_is_decoration(geom) for geom in users):
+                raise AssetError(f"{description.file}: mesh {reference!r} is needed in simulation: {error}") from error
+            notes.append(f"visual mesh {reference!r} was left out: {error}")
+            for geom in users:
+                spec.delete(geom)
+            spec.delete(mesh)
+            continue
+        mesh.file = f"{len(spec.assets)}_{name}"
+        spec.assets = {**spec.assets, mesh.file: content}
+    for field in spec.hfields:
+        if field.file:
+            path = _find(str(Path(spec.meshdir) / field.file), description)
+            field.file = f"{len(spec.assets)}_{path.name}"
+            spec.assets = {**spec.assets, field.file: path.read_bytes()}
+    return notes
+
+
+def _resolve_images(spec: mujoco.MjSpec, description: Description) -> list[str]:
+    """Textures never matter to the simulation: one that cannot be found becomes a flat colour."""
+    notes = []
+    for texture in spec.textures:
+        files = [file for file in (texture.file, *texture.cubefiles) if file]
+        if not files:
+            continue
+        try:
+            paths = [_find(str(Path(spec.texturedir) / file), description) for file in files]
+        except AssetError as error:
+            notes.append(f"texture {texture.name or files[0]!r} was left out: {error}")
+            texture.file, texture.cubefiles = "", [""] * len(texture.cubefiles)
+            texture.builtin, texture.width, texture.height = mujoco.mjtBuiltin.mjBUILTIN_FLAT, 8, 8
+            continue
+        renamed = {}
+        for file, path in zip(files, paths, strict=True):
+            renamed[file] = f"{len(spec.assets)}_{path.name}"
+            spec.assets = {**spec.assets, renamed[file]: path.read_bytes()}
+        if texture.file:
+            texture.file = renamed[texture.file]
+        texture.cubefiles = [renamed.get(file, "") for file in texture.cubefiles]
+    return notes
+
+
+def _is_decoration(geom: Any) -> bool:
+    """Whether neither contacts nor masses depend on the geom."""
+    massless = geom.mass == 0 or (geom.mass != geom.mass and geom.density == 0)
+    return not geom.contype and not geom.conaffinity and (geom.parent.explicitinertial or massless)
+
+
+def _find(reference: str, description: Description) -> Path:
+    if description.folder is None:
+        raise AssetError(f"{description.file}: {reference!r} cannot be looked for: the description has no folder")
+    return resolve.resolve_asset(reference, description.folder)
+
+
+def _mesh_bytes(reference: str, description: Description) -> tuple[str, bytes]:
+    """File name and content of a mesh in a format that MuJoCo reads; others are converted with trimesh."""
+    path = _find(reference, description)
+    if path.suffix.lower() in MUJOCO_MESHES:
+        return path.name, path.read_bytes()
+    import trimesh
+
+    try:
+        content = trimesh.load(path, force="mesh").export(file_type="stl")
+    except Exception as error:  # trimesh raises whatever the reader of the format raises
+        raise AssetError(f"{path}: neither MuJoCo nor trimesh can read this mesh: {error}") from error
+    return f"{path.stem}.stl", bytes(content)

@@ -1,0 +1,1 @@
+"""Batched environments on `mujoco.rollout`, and tasks as data."""

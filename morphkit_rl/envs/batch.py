@@ -1,0 +1,392 @@
+"""Many environments of many robots, stepped together on MuJoCo's thread pool."""
+
+from __future__ import annotations
+
+import copy
+import json
+import os
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from mujoco.rollout import Rollout
+
+from morphkit.errors import ConfigError
+from morphkit.simulation import Simulation
+from morphkit.tokens import TokenSpec
+from morphkit_rl.envs.observation import Observation, ObservationPass
+from morphkit_rl.envs.reward import RewardPass
+from morphkit_rl.envs.tasks import Task
+
+_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
+_CTRL = mujoco.mjtState.mjSTATE_CTRL.value
+_DIVERGED = 1e10  # MuJoCo's own bound on coordinates, velocities and accelerations
+
+
+class Episode(NamedTuple):
+    """A finished episode: index of robot and environment, sum of rewards, control steps."""
+
+    robot: int
+    env: int
+    episode_return: float
+    length: int
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What a control step gave; each list has one array a robot, environments along the first axis.
+
+    Attributes:
+        obs: Observations to act on next: where an episode ended, the first of the next one. float32 (n, tokens).
+        final_obs: Observations that the step led to, before any reset. The same array as `obs` where no episode ended.
+            Where the simulation diverged, the last finite observation.
+        reward: float64 (n,).
+        terminated: bool (n,); the robot fell or the simulation diverged: nothing follows.
+        truncated: bool (n,); the episode reached its length.
+        episodes: Episodes that ended in this step.
+    """
+
+    obs: list[np.ndarray]
+    final_obs: list[np.ndarray]
+    reward: list[np.ndarray]
+    terminated: list[np.ndarray]
+    truncated: list[np.ndarray]
+    episodes: list[Episode]
+
+
+class BatchEnv:
+    """Environments of several robots with different numbers of tokens and actuators.
+
+    A step is one `mujoco.rollout` call a robot for the physics, one for the sensors, and one numpy pass over all robots for
+    observations, rewards and endings. Robots share nothing: each draws its resets from a generator of its own, seeded by
+    `seed` and its name, so what happens to it depends neither on the others nor on the number of threads.
+
+    Args:
+        simulations: The robots.
+        tasks: The task of each, from `task_for`.
+        num_envs: Environments of each robot, or one number for all.
+        observation: `fixed`, or `legacy` with the published code's defects.
+        seed: Seeds the start states.
+        num_threads: Threads that step; None: one a usable processor core.
+
+    Attributes:
+        specs: TokenSpec of each robot.
+        diverged: Episodes that ended because a state was not finite, int64 (robots,).
+
+    Raises:
+        ConfigError: No robots, lists of different lengths, or a task that `task_for` has not filled in.
+    """
+
+    def __init__(
+        self,
+        simulations: Sequence[Simulation],
+        tasks: Sequence[Task],
+        num_envs: int | Sequence[int],
+        *,
+        observation: Observation = "fixed",
+        seed: int = 0,
+        num_threads: int | None = None,
+    ) -> None:
+        self.num_envs = [num_envs] * len(simulations) if isinstance(num_envs, int) else list(num_envs)
+        self.simulations, self.tasks = list(simulations), list(tasks)
+        _check(self.simulations, self.tasks, self.num_envs, observation)
+        self.specs: list[TokenSpec] = [simulation.tokens for simulation in simulations]
+        self.diverged = np.zeros(len(simulations), np.int64)
+        threads = num_threads or len(os.sched_getaffinity(0))
+        self._pool = Rollout(nthread=threads if threads > 1 else 0)
+        self._robots = [
+            _Robot(simulation, task.frame_skip or 1, n, threads)
+            for simulation, task, n in zip(simulations, tasks, self.num_envs, strict=True)
+        ]
+        sizes = [robot.start.size for robot in self._robots]
+        offsets = np.concatenate([[0], np.cumsum([n * size for n, size in zip(self.num_envs, sizes, strict=True)])])
+        self._state = np.zeros(offsets[-1])
+        self._observe_all = ObservationPass(simulations, self.num_envs, offsets[:-1].tolist(), sizes, observation)
+        sensors, first_row = self._observe_all.sensors.reshape(-1), self._observe_all.first_row
+        width = self._observe_all.sensors.shape[1]
+        for i, robot in enumerate(self._robots):
+            robot.state = self._state[offsets[i] : offsets[i + 1]].reshape(-1, sizes[i])
+            own = sensors[first_row[i] * width : first_row[i + 1] * width]
+            robot.sensors = own.reshape(self.num_envs[i], 1, -1)
+        controls = [robot.ctrl.shape[2] for robot in self._robots]
+        self._reward = RewardPass(simulations, tasks, self.num_envs, offsets[:-1].tolist(), sizes, first_row, sensors)
+        self._env_split = np.cumsum(self.num_envs)[:-1]
+        self._obs_split = np.cumsum([n * len(s.sensors) for n, s in zip(self.num_envs, self.specs, strict=True)])[:-1]
+        self._ctrl_split = np.cumsum([n * nu for n, nu in zip(self.num_envs, controls, strict=True)])[:-1]
+        bounds = [np.tile(robot.bounds, (1, n)) for robot, n in zip(self._robots, self.num_envs, strict=True)]
+        self._ctrl_low, self._ctrl_high = np.concatenate(bounds, axis=1)
+        self._return = np.zeros(sum(self.num_envs))
+        self._length = np.zeros(sum(self.num_envs), np.int64)
+        self._max_length = np.repeat([task.episode_length for task in tasks], self.num_envs)
+        self.seed(seed)
+        self._fresh = False
+
+    @property
+    def num_robots(self) -> int:
+        """How many robots there are."""
+        return len(self._robots)
+
+    def seed(self, seed: int | Sequence[int]) -> None:
+        """Seed the start states anew; takes effect at the next reset."""
+        entropy = [seed] if isinstance(seed, (int, np.integer)) else list(seed)
+        names = [simulation.name for simulation in self.simulations]
+        self._rngs = [
+            np.random.default_rng([*entropy, zlib.crc32(name.encode()), names[:i].count(name)])
+            for i, name in enumerate(names)
+        ]
+
+    def reset(self) -> list[np.ndarray]:
+        """Start all episodes anew.
+
+        Returns:
+            Observations, one float32 (n, tokens) a robot.
+        """
+        for robot, rng, task in zip(self._robots, self._rngs, self.tasks, strict=True):
+            robot.state[:] = robot.draw_start(rng, task, len(robot.state))
+        self._return[:] = self._length[:] = 0
+        return self.observe()
+
+    def observe(self) -> list[np.ndarray]:
+        """Observations of the current states, one float32 (n, tokens) a robot."""
+        for robot in self._robots:
+            robot.sense(self._pool)
+        self._fresh = True
+        return self._split_obs(self._observe_all(self._state))
+
+    def step(self, actions: Sequence[np.ndarray]) -> Step:
+        """Advance every environment by one control step; where an episode ends, the next one starts at once.
+
+        Args:
+            actions: One (n, actuators) a robot, in the actuators' own units; clipped to their bounds.
+
+        Raises:
+            ValueError: An action of the wrong shape or not finite.
+        """
+        ctrl = self._controls(actions)
+        before = self._state.copy()
+        for robot, control in zip(self._robots, np.split(ctrl, self._ctrl_split), strict=True):
+            robot.advance(self._pool, control)
+        diverged = self._undo_diverged(before)
+        for robot in self._robots:
+            robot.sense(self._pool)
+        final = self._observe_all(self._state)
+        reward, terminated = self._reward(before, self._state, ctrl)
+        if diverged is not None:
+            reward[diverged], terminated[diverged] = 0.0, True
+            self.diverged += [int(part.sum()) for part in np.split(diverged, self._env_split)]
+        self._return += reward
+        self._length += 1
+        truncated = (self._length >= self._max_length) & ~terminated
+        done = terminated | truncated
+        obs, episodes = (self._restart(done)) if done.any() else (final, [])
+        final_obs = self._split_obs(final)
+        return Step(
+            obs=final_obs if obs is final else self._split_obs(obs),
+            final_obs=final_obs,
+            reward=np.split(reward, self._env_split),
+            terminated=np.split(terminated, self._env_split),
+            truncated=np.split(truncated, self._env_split),
+            episodes=episodes,
+        )
+
+    def set_state(self, robot: int, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+        """Put a robot's environments into given states; episodes start anew there.
+
+        Args:
+            robot: Index of the robot.
+            qpos: (n, nq), m and rad.
+            qvel: (n, nv), m/s and rad/s.
+
+        Returns:
+            The observations there, float32 (n, tokens).
+        """
+        own = self._robots[robot]
+        own.state[:] = own.start
+        for name, value, target in (("qpos", qpos, own.qpos), ("qvel", qvel, own.qvel)):
+            if np.shape(value) != target.shape:
+                raise ValueError(f"{name} must have shape {target.shape}, not {np.shape(value)}")
+            if not np.isfinite(value).all():
+                raise ValueError(f"{name} must be finite")
+            target[:] = value
+        first = sum(self.num_envs[:robot])
+        mine = slice(first, first + self.num_envs[robot])
+        self._return[mine] = self._length[mine] = 0
+        return self.observe()[robot]
+
+    def state(self, robot: int) -> tuple[np.ndarray, np.ndarray]:
+        """Copies of a robot's (qpos (n, nq), qvel (n, nv)), float64."""
+        return self._robots[robot].qpos.copy(), self._robots[robot].qvel.copy()
+
+    def state_dict(self) -> dict[str, np.ndarray]:
+        """Everything that an exact continuation needs, as arrays; `observe` gives the observations back."""
+        generators = json.dumps([rng.bit_generator.state for rng in self._rngs])
+        return {
+            "state": self._state.copy(),
+            "return": self._return.copy(),
+            "length": self._length.copy(),
+            "diverged": self.diverged.copy(),
+            "generators": np.frombuffer(generators.encode(), np.uint8).copy(),
+        }
+
+    def load_state_dict(self, state: dict[str, np.ndarray]) -> None:
+        """Continue exactly where `state_dict` was taken, by the same robots and numbers of environments.
+
+        Raises:
+            ConfigError: It was taken from other robots or numbers of environments.
+        """
+        own = {"state": self._state, "return": self._return, "length": self._length, "diverged": self.diverged}
+        for key, target in own.items():
+            if key not in state or np.shape(state[key]) != target.shape:
+                raise ConfigError(f"environment state {key!r} does not fit these robots and numbers of environments")
+        generators = json.loads(bytes(np.asarray(state["generators"], np.uint8)).decode())
+        for key, target in own.items():
+            target[:] = state[key]
+        for rng, generator in zip(self._rngs, generators, strict=True):
+            rng.bit_generator.state = generator
+
+    def close(self) -> None:
+        """Stop the threads."""
+        self._pool.close()
+
+    def _controls(self, actions: Sequence[np.ndarray]) -> np.ndarray:
+        """All controls, clipped, flat."""
+        for robot, action, spec in zip(self._robots, actions, self.specs, strict=True):
+            shape = (len(robot.state), robot.ctrl.shape[2])
+            if np.shape(action) != shape:
+                raise ValueError(f"{spec.morphology}: actions must have shape {shape}, not {np.shape(action)}")
+        flat = np.concatenate([np.asarray(action, np.float64).reshape(-1) for action in actions])
+        if not np.isfinite(flat).all():
+            raise ValueError("actions must be finite")
+        return np.clip(flat, self._ctrl_low, self._ctrl_high, out=flat)
+
+    def _undo_diverged(self, before: np.ndarray) -> np.ndarray | None:
+        """Put diverged environments back to where they were; which they are, bool (environments,), None where none."""
+        if np.abs(self._state).max(initial=0.0) < _DIVERGED:  # False for NaN
+            return None
+        parts = []
+        start = 0
+        for robot in self._robots:
+            old = before[start : start + robot.state.size].reshape(robot.state.shape)
+            start += robot.state.size
+            bad = ~(np.abs(robot.state) < _DIVERGED).all(axis=1)
+            robot.state[bad] = old[bad]
+            parts.append(bad)
+        return np.concatenate(parts)
+
+    def _restart(self, done: np.ndarray) -> tuple[np.ndarray, list[Episode]]:
+        """Start new episodes where `done`; the observations with theirs in place, and the finished episodes."""
+        episodes = []
+        first = 0
+        for i, (robot, ended) in enumerate(zip(self._robots, np.split(done, self._env_split), strict=True)):
+            which = np.flatnonzero(ended)
+            if len(which):
+                robot.state[which] = robot.draw_start(self._rngs[i], self.tasks[i], len(which))
+                robot.sense(self._pool, which)
+                for env in which:
+                    at = first + env
+                    episodes.append(Episode(i, int(env), float(self._return[at]), int(self._length[at])))
+            first += len(ended)
+        self._return[done] = self._length[done] = 0
+        return self._observe_all(self._state), episodes
+
+    def _split_obs(self, flat: np.ndarray) -> list[np.ndarray]:
+        return [part.reshape(n, -1) for part, n in zip(np.split(flat, self._obs_split), self.num_envs, strict=True)]
+
+
+class _Robot:
+    """One robot's models and buffers; `state` and `sensors` are views into flat buffers of all robots."""
+
+    state: np.ndarray  # (n, full physics state)
+    sensors: np.ndarray  # (n, 1, 13 * limbs)
+
+    def __init__(self, simulation: Simulation, frame_skip: int, n: int, threads: int) -> None:
+        model = copy.deepcopy(simulation.model)
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR  # they are read from the kinematics model alone
+        self.nq, self.nv, self.frame_skip, self.chunk = model.nq, model.nv, frame_skip, -(-n // threads)
+        self.models, self.kinematics = [model] * n, [simulation.kinematics] * n
+        self.data = [mujoco.MjData(model) for _ in range(threads)]
+        self.kinematics_data = [mujoco.MjData(simulation.kinematics) for _ in range(threads)]
+        self.start = np.empty(mujoco.mj_stateSize(model, _STATE))
+        mujoco.mj_getState(model, self.data[0], self.start, _STATE)
+        self.ctrl = np.zeros((n, frame_skip, model.nu))
+        self.states = np.zeros((n, frame_skip, self.start.size))
+        limited = model.actuator_ctrllimited.astype(bool)[:, None]
+        self.bounds = np.where(limited, model.actuator_ctrlrange, [-np.inf, np.inf]).T.reshape(2, -1)
+        types, address = mujoco.mjtJoint, model.jnt_qposadr
+        self.quaternions = [
+            *(int(a) + 3 for a in address[model.jnt_type == types.mjJNT_FREE]),
+            *(int(a) for a in address[model.jnt_type == types.mjJNT_BALL]),
+        ]
+        # Where the file has sensors of its own, the limbs' are a part of what the simulator writes.
+        self.extra = None if model.nsensordata == simulation.limb_sensor.size else simulation.limb_sensor.ravel()
+        self.sensordata = np.zeros((n, 1, model.nsensordata))
+
+    @property
+    def qpos(self) -> np.ndarray:
+        return self.state[:, 1 : 1 + self.nq]
+
+    @property
+    def qvel(self) -> np.ndarray:
+        return self.state[:, 1 + self.nq : 1 + self.nq + self.nv]
+
+    def advance(self, pool: Rollout, ctrl: np.ndarray) -> None:
+        """Step all environments `frame_skip` times with constant controls."""
+        self.ctrl[:] = ctrl.reshape(len(self.state), 1, -1)
+        self._run(pool, self.models, self.data, self.frame_skip, self.state, self.ctrl, self.states, None)
+        self.state[:] = self.states[:, -1]
+
+    def sense(self, pool: Rollout, which: np.ndarray | None = None) -> None:
+        """Fill `sensors` from `state`, of all environments or of those in `which`."""
+        if which is None and self.extra is None:
+            self._run(pool, self.kinematics, self.kinematics_data, 1, self.state, None, None, self.sensors)
+            return
+        state = self.state if which is None else self.state[which]
+        out = self.sensordata[: len(state)]
+        self._run(pool, self.kinematics[: len(state)], self.kinematics_data, 1, state, None, None, out)
+        self.sensors[slice(None) if which is None else which] = out if self.extra is None else out[..., self.extra]
+
+    def draw_start(self, rng: np.random.Generator, task: Task, n: int) -> np.ndarray:
+        """Start states (n, state): the model's own with the task's noise."""
+        state = np.tile(self.start, (n, 1))
+        qpos, qvel = state[:, 1 : 1 + self.nq], state[:, 1 + self.nq : 1 + self.nq + self.nv]
+        qpos += rng.uniform(-task.qpos_noise, task.qpos_noise, qpos.shape)
+        uniform = task.qvel_noise_kind == "uniform"
+        noise = rng.uniform(-1.0, 1.0, qvel.shape) if uniform else rng.standard_normal(qvel.shape)
+        qvel += task.qvel_noise * noise
+        for at in self.quaternions:
+            qpos[:, at : at + 4] /= np.linalg.norm(qpos[:, at : at + 4], axis=1, keepdims=True)
+        return state
+
+    def _run(
+        self, pool: Rollout, models: Any, data: Any, nstep: int, state: Any, ctrl: Any, out: Any, sense: Any
+    ) -> None:
+        # Without a warm start every step is a function of the state alone. Shapes and types were settled above.
+        pool.rollout(
+            models,
+            data,
+            state,
+            ctrl,
+            control_spec=_CTRL,
+            skip_checks=True,
+            nstep=nstep,
+            state=out,
+            sensordata=sense,
+            chunk_size=self.chunk,
+        )
+
+
+def _check(simulations: list[Simulation], tasks: list[Task], num_envs: list[int], observation: str) -> None:
+    if not simulations:
+        raise ConfigError("there is no robot to simulate")
+    if not len(simulations) == len(tasks) == len(num_envs):
+        raise ConfigError(f"{len(simulations)} robots need as many tasks ({len(tasks)}) and num_envs ({len(num_envs)})")
+    if min(num_envs) < 1:
+        raise ConfigError(f"every robot needs at least one environment, not {min(num_envs)}")
+    if observation not in ("fixed", "legacy"):
+        raise ConfigError(f"observation must be 'fixed' or 'legacy', not {observation!r}")
+    for simulation, task in zip(simulations, tasks, strict=True):
+        if task.frame_skip is None or task.healthy_share is not None:
+            raise ConfigError(f"{simulation.name}: task {task.name!r} is incomplete; take it from task_for")

@@ -1,0 +1,203 @@
+"""Sensor numbers and joint coordinates of many robots -> token values, in one pass over flat buffers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import mujoco
+import numpy as np
+
+from morphkit.completion import NUMBERS_PER_LIMB
+from morphkit.naming import limb_type
+from morphkit.simulation import Simulation
+from morphkit.tokens import VELOCITY_LIMIT
+
+Observation = Literal["fixed", "legacy"]
+
+_FEATURES = 12
+_FIRST_FEATURE = {"position": 0, "translational_velocity": 3, "rotational_velocity": 6, "exponential_map": 9}
+_TAU = 2 * np.pi
+
+
+class ObservationPass:
+    """Computes the observations of all environments of all robots at once.
+
+    Every limb of every environment is a row of 13 sensor numbers (`sensors`, float64 (rows, 13)), environment by
+    environment. A pass writes 12 features a row, then the joint angles, then values that never change into one source
+    buffer; a single gather puts them into token order.
+
+    Args:
+        simulations: The robots.
+        num_envs: Environments of each.
+        state_offset: Where in the flat state vector each robot's first environment starts.
+        state_size: Length of one environment's state: time, qpos, qvel and what else the simulator keeps.
+        observation: `fixed`, or `legacy`: two defects of the published code. There, limbs other than the root report
+            absolute world x, and the root's z velocity gains (world rotational velocity about y) * (world x), before the
+            clip; limb types are matched against body names whatever the family says.
+    """
+
+    def __init__(
+        self,
+        simulations: Sequence[Simulation],
+        num_envs: Sequence[int],
+        state_offset: Sequence[int],
+        state_size: Sequence[int],
+        observation: Observation,
+    ) -> None:
+        self.legacy = observation == "legacy"
+        rows = [len(simulation.limb_body) for simulation in simulations]
+        self.first_row = np.concatenate([[0], np.cumsum([n * limbs for n, limbs in zip(num_envs, rows, strict=True)])])
+        self.sensors = np.zeros((int(self.first_row[-1]), NUMBERS_PER_LIMB))
+        self.root_row = np.concatenate(
+            [first + np.repeat(np.arange(n) * limbs, limbs) for first, n, limbs in zip(self.first_row, num_envs, rows)]  # noqa: B905
+        ).astype(np.intp)
+        self._roots = np.unique(self.root_row)
+        joints = [_joint_table(simulation) for simulation in simulations]
+        self._angle_state = np.concatenate(
+            [
+                (offset + 1 + np.arange(n)[:, None] * size + table[:, 0].astype(np.intp)).ravel()
+                for table, n, offset, size in zip(joints, num_envs, state_offset, state_size, strict=True)
+            ]
+        )
+        angles = np.concatenate([np.tile(table, (n, 1)) for table, n in zip(joints, num_envs, strict=True)])
+        self._angle_low, self._angle_scale = angles[:, 1], angles[:, 2]
+        self._wrapped = np.flatnonzero(angles[:, 3] == 1)
+        self._balls = np.flatnonzero(angles[:, 3] == 2)
+        self._fill_source(simulations, num_envs, rows, [len(table) for table in joints])
+
+    def _fill_source(
+        self, simulations: Sequence[Simulation], num_envs: Sequence[int], limbs: Sequence[int], joints: Sequence[int]
+    ) -> None:
+        """Allocate the source buffer, fill in its constants, and lay down where each token comes from."""
+        first_angle = len(self.sensors) * _FEATURES
+        next_angle, constants, gather = first_angle, [np.zeros(0)], []
+        next_constant = first_angle + len(self._angle_state)
+        for robot, simulation in enumerate(simulations):
+            start, stride, values = _token_sources(simulation, legacy=self.legacy)
+            kind = np.sign(stride)  # 1: feature, 0: constant, -1: angle
+            origin = np.array([next_constant, int(self.first_row[robot]) * _FEATURES, next_angle])[kind]
+            step = np.array([0, limbs[robot] * _FEATURES, joints[robot]])[kind]
+            gather.append((origin + start + np.arange(num_envs[robot])[:, None] * step).ravel())
+            constants.append(values)
+            next_constant += len(values)
+            next_angle += num_envs[robot] * joints[robot]
+        self._source = np.zeros(next_constant, np.float32)
+        self._source[first_angle + len(self._angle_state) :] = np.concatenate(constants)
+        self._features = self._source[:first_angle].reshape(-1, _FEATURES)
+        self._angles = self._source[first_angle : first_angle + len(self._angle_state)]
+        self._gather = np.concatenate(gather).astype(np.intp)
+
+    def __call__(self, state: np.ndarray) -> np.ndarray:
+        """Token values of all environments, float32, flat, a new array; `sensors` must hold those of `state`."""
+        sensors, features = self.sensors, self._features
+        features[:, 1:3] = sensors[:, 1:3]
+        np.clip(sensors[:, 3:6], -VELOCITY_LIMIT, VELOCITY_LIMIT, out=features[:, 3:6], casting="same_kind")
+        features[:, 6:9] = sensors[:, 6:9]
+        if self.legacy:
+            roots = self._roots
+            features[:, 0] = sensors[:, 0]
+            features[roots, 0] = 0.0
+            lifted = sensors[roots, 5] + sensors[roots, 7] * sensors[roots, 0]
+            features[roots, 5] = np.clip(lifted, -VELOCITY_LIMIT, VELOCITY_LIMIT)
+        else:
+            np.subtract(sensors[:, 0], sensors[self.root_row, 0], out=features[:, 0], casting="same_kind")
+        exponential_map(sensors[:, 9:13], out=features[:, 9:12])
+        angles = state.take(self._angle_state)
+        if len(self._balls):
+            angles[self._balls] = 2 * np.arccos(np.minimum(np.abs(angles[self._balls]), 1.0))
+        angles -= self._angle_low
+        if len(self._wrapped):
+            angles[self._wrapped] = (angles[self._wrapped] + np.pi) % _TAU - np.pi
+        np.multiply(angles, self._angle_scale, out=self._angles, casting="same_kind")
+        return self._source.take(self._gather)
+
+
+def exponential_map(quaternion: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+    """Axis * angle of unit quaternions, the angle in [0, pi].
+
+    Args:
+        quaternion: (..., 4), real part first.
+        out: (..., 3), where to write.
+
+    Returns:
+        (..., 3), rad.
+    """
+    real, imaginary = quaternion[..., 0], quaternion[..., 1:]
+    length = np.sqrt(np.einsum("...i,...i->...", imaginary, imaginary))
+    angle = 2 * np.arctan2(length, np.abs(real))
+    # For tiny rotations angle / length is 2, with a relative error below length^2.
+    ratio = np.divide(angle, length, out=np.full_like(length, 2.0), where=length > 1e-8)
+    return np.multiply(imaginary, np.copysign(ratio, real)[..., None], out=out, casting="same_kind")
+
+
+def _joint_table(simulation: Simulation) -> np.ndarray:
+    """One row an angle token: qpos index, what to subtract, what to multiply by, kind (0 plain, 1 wrapped, 2 ball).
+
+    A limited joint gives the share of its range (a ball joint: of its largest rotation). An unlimited hinge gives its
+    angle wrapped to [-pi, pi) over 2 pi; an unlimited slide metres, as if its range were 0 to 1 m.
+    """
+    model, rows = simulation.model, []
+    for joint in (joint for joints in simulation.limb_joints for joint in joints):
+        low, high = model.jnt_range[joint]
+        address, kind = model.jnt_qposadr[joint], model.jnt_type[joint]
+        if model.jnt_limited[joint]:
+            ball = kind == mujoco.mjtJoint.mjJNT_BALL
+            rows.append((address, low, 1 / (high - low) if high > low else 0.0, 2 * ball))
+        elif kind == mujoco.mjtJoint.mjJNT_SLIDE:
+            rows.append((address, 0.0, 1.0, 0))
+        else:
+            rows.append((address, 0.0, 1 / _TAU, 2 if kind == mujoco.mjtJoint.mjJNT_BALL else 1))
+    return np.array(rows, dtype=float).reshape(-1, 4)
+
+
+def _joint_range(simulation: Simulation, joint: int) -> tuple[float, float]:
+    model = simulation.model
+    if not model.jnt_limited[joint]:
+        return 0.0, 1.0
+    low, high = model.jnt_range[joint]
+    if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE:
+        return float(low), float(high)
+    return (180 + np.degrees(low)) / 360, (180 + np.degrees(high)) / 360
+
+
+def _limb_types(simulation: Simulation, *, legacy: bool) -> list[int]:
+    """Index of every limb's type group, -1 where it has none."""
+    groups = simulation.morphology.type_words
+    words = [limb_type(limb.name, groups) if legacy else limb.type for limb in simulation.morphology.limbs]
+    return [next((i for i, group in enumerate(groups) if word in group), -1) for word in words]
+
+
+def _token_sources(simulation: Simulation, *, legacy: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where each token of a robot comes from.
+
+    Returns:
+        Index within its section of the source buffer, int (tokens,); the section, int (tokens,): 1 features of environment
+        0, -1 angles of environment 0, 0 constants; and the constants.
+    """
+    spec = simulation.tokens
+    types = _limb_types(simulation, legacy=legacy)
+    first_joint = np.cumsum([0, *(len(joints) for joints in simulation.limb_joints)])
+    seen = {"angle": [0] * len(types), "joint_range_low": [0] * len(types), "joint_range_high": [0] * len(types)}
+    start, section, constants = [], [], []
+    for token, limb in zip(spec.sensors, spec.token_limb, strict=True):
+        if token.quantity in _FIRST_FEATURE:
+            start.append(limb * _FEATURES + _FIRST_FEATURE[token.quantity] + "xyz".index(token.component or ""))
+            section.append(1)
+            continue
+        value = 0.0
+        if token.quantity == "type":
+            value = float(types[limb] == int(token.component or 0))
+        elif simulation.limb_joints[limb]:
+            ordinal = seen[token.quantity][limb]
+            seen[token.quantity][limb] += 1
+            if token.quantity == "angle":
+                start.append(first_joint[limb] + ordinal)
+                section.append(-1)
+                continue
+            joint_range = _joint_range(simulation, simulation.limb_joints[limb][ordinal])
+            value = joint_range[token.quantity == "joint_range_high"]
+        start.append(len(constants))
+        section.append(0)
+        constants.append(value)
+    return np.array(start), np.array(section), np.array(constants)
