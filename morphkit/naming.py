@@ -30,17 +30,19 @@ def canonical_limb_names(morphology: Morphology, given: Mapping[str, str]) -> di
         Raw limb name -> plain words in limb order, unique within the robot.
     """
     prefix = _shared_prefix(morphology)
-    names = {limb.name: given.get(limb.name) for limb in morphology.limbs}
-    taken = {fold(name) for name in given.values()}
-    for raw, name in names.items():
-        if name is None:
-            words = vocabulary.split(raw)
+    used = {limb.name for limb in morphology.limbs}
+    rows = [raw for raw in given if raw in used]
+    names = dict(zip(rows, unique((given[raw] for raw in rows), " "), strict=True))
+    taken = [*names.values(), *given.values()]
+    for limb in morphology.limbs:
+        if limb.name not in names:
+            words = vocabulary.split(limb.name)
             short = words[len(prefix) :] if words[: len(prefix)] == prefix and len(words) > len(prefix) else words
-            candidates = [vocabulary.plain(short), vocabulary.plain(words), " ".join(words)]
-            names[raw] = _first_free(candidates, taken)
-            taken.add(fold(names[raw] or ""))
-    resolved = [name or raw for raw, name in names.items()]
-    return dict(zip(names, unique(resolved, separator=" "), strict=True))
+            candidates = (vocabulary.plain(short), vocabulary.plain(words), " ".join(words))
+            name = next((name for name in candidates if fold(name) not in map(fold, taken)), candidates[0])
+            names[limb.name] = unique([name], " ", taken)[0]
+            taken.append(names[limb.name])
+    return {limb.name: names[limb.name] for limb in morphology.limbs}
 
 
 def canonical_joint_names(limb: Limb, limb_name: str) -> dict[str, str]:
@@ -124,10 +126,6 @@ def _shared_prefix(morphology: Morphology) -> list[str]:
             break
         shared.append(column[0])
     return shared
-
-
-def _first_free(candidates: Sequence[str], taken: set[str]) -> str:
-    return next((name for name in candidates if fold(name) not in taken), candidates[0])
 
 
 def _of_type(morphology: Morphology, word: str) -> Iterator[str]:

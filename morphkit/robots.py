@@ -104,12 +104,14 @@ def _full(toml: RobotToml, root: str | None) -> Description:
 
 def _cut(full: Description, name: str, recipe: Recipe) -> Description:
     """Make a recipe's variant out of the full robot."""
-    from morphkit.ablation import ablate, set_root_height
-
     variant = full
     if recipe.remove or recipe.splice:
+        from morphkit.ablation import ablate
+
         variant = ablate(full, remove=recipe.remove, splice=recipe.splice, name=name).description
     if recipe.root_height is not None:
+        from morphkit.ablation import set_root_height
+
         variant = set_root_height(variant, recipe.root_height)
     info = replace(
         variant.info,

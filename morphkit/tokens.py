@@ -270,14 +270,14 @@ def _actuator_names(
         limb, joint = actuator.limb, actuator.joint
         own = _underscored(plain(split(actuator.name))) if naming == "canonical" else actuator.name
         if limb is None:
-            parts = (own,)
+            parts = [own]
         elif a_limb[limb] == 1:
-            parts = (labels[limb],)
+            parts = [labels[limb]]
         elif joint is not None and a_joint[limb, joint] == 1:
-            parts = (labels[limb], joints[limb].get(joint, joint))
+            parts = [labels[limb], joints[limb].get(joint, joint)]
         else:
-            parts = (labels[limb], own)
-        yield "_".join((*parts, "ctrl"))
+            parts = [labels[limb], own]
+        yield "_".join([*parts, "ctrl"])
 
 
 def _underscored(name: str) -> str:

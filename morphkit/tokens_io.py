@@ -68,8 +68,8 @@ def from_json(text: str) -> TokenSpec:
         )
     source = _get(document, "source", "")
     limbs = [
-        TokenLimb(**{**limb, "joints": tuple(limb["joints"])})
-        for limb in (_record(TokenLimb, item, f"limbs[{i}]") for i, item in enumerate(_list(document, "limbs")))
+        TokenLimb(**(_record(TokenLimb, item, f"limbs[{i}]") | {"joints": tuple(_list(item, "joints", f"limbs[{i}]"))}))
+        for i, item in enumerate(_list(document, "limbs"))
     ]
     sensors = [_record(SensorToken, item, f"sensors[{i}]") for i, item in enumerate(_list(document, "sensors"))]
     actuators = [_record(ActuatorToken, item, f"actuators[{i}]") for i, item in enumerate(_list(document, "actuators"))]
@@ -89,10 +89,10 @@ def _record(cls: type[_Record], item: Any, where: str) -> dict[str, Any]:
     return {field.name: _get(item, field.name, where) for field in fields(cls)}  # type: ignore[arg-type]
 
 
-def _list(document: Any, key: str) -> list[Any]:
-    value = _get(document, key, "")
+def _list(item: Any, key: str, where: str = "") -> list[Any]:
+    value = _get(item, key, where)
     if not isinstance(value, list):
-        raise DescriptionError(f"token specification: {key!r} must be a list, not {type(value).__name__}")
+        raise DescriptionError(f"token specification: {_dotted(where, key)} must be a list, not {value!r}")
     return value
 
 
@@ -100,8 +100,12 @@ def _get(item: Any, key: str, where: str) -> Any:
     if not isinstance(item, Mapping):
         raise DescriptionError(f"token specification: {where or 'the document'} must be an object")
     if key not in item:
-        raise DescriptionError(f"token specification: {where + '.' if where else ''}{key} is missing")
+        raise DescriptionError(f"token specification: {_dotted(where, key)} is missing")
     return item[key]
+
+
+def _dotted(where: str, key: str) -> str:
+    return f"{where}.{key}" if where else key
 
 
 def _check_references(limbs: set[str], **lists: list[dict[str, Any]]) -> None:

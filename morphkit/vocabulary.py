@@ -46,7 +46,10 @@ _SEGMENTS = {
     "kn": "knee",
 }
 _JOINT_CODE = re.compile(r"(sh|el|wr|hp|kn|ak|bk)([xyz])")
-_JOINT_CODES = dict(sh="shoulder", el="elbow", wr="wrist", hp="hip", kn="knee", ak="ankle", bk="spine")
+_JOINT_CODES = {
+    **{"sh": "shoulder", "el": "elbow", "wr": "wrist"},
+    **{"hp": "hip", "kn": "knee", "ak": "ankle", "bk": "spine"},
+}
 _FILLERS = frozenset({"link", "body", "joint", "motor", "actuator"})
 _PHRASES = (("upper leg", "thigh"), ("lower leg", "shin"))
 
