@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
-from io import StringIO
+from collections.abc import Sequence
 from pathlib import Path
+from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -12,8 +13,6 @@ import typer
 from . import common
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from morphkit.tokens import TokenSpec
 
 EXAMPLES = (
@@ -62,10 +61,11 @@ def tokens(
         text_style=text_style,
         canonical=description.info.canonical,
     )
-    if output_format == "table" and output is None:
-        _print_table(spec, common.results())
-        return
-    text = {"json": spec.to_json, "csv": spec.to_csv, "table": lambda: _table_text(spec)}[output_format]()
+    if output_format == "table":
+        fits = output is None and sys.stdout.isatty()
+        text = _table(spec, width=get_terminal_size().columns if fits else None)
+    else:
+        text = spec.to_json() if output_format == "json" else spec.to_csv()
     if output is None:
         sys.stdout.write(text)
     else:
@@ -86,45 +86,45 @@ def _range(low: float | None, high: float | None) -> str:
     return f"{'-inf' if low is None else f'{low:g}'} .. {'inf' if high is None else f'{high:g}'}"
 
 
-def _print_table(spec: TokenSpec, console: Console) -> None:
-    console.print(_summary(spec))
-    console.print(
+SENSOR_COLUMNS = ("index", "sensor token", "text", "limb", "unit", "range", "frame")
+ACTUATOR_COLUMNS = ("index", "actuator token", "text", "limb", "joint", "unit", "range")
+DISPENSABLE = ("frame", "text", "limb")
+"""Columns that a narrow terminal does without, the first of them first."""
+
+
+def _table(spec: TokenSpec, *, width: int | None) -> str:
+    """The tokens as text, at most `width` columns wide where leaving columns out can do it."""
+    sensors = [
+        (str(s.index), s.name, s.text, s.limb, s.unit, _range(s.low, s.high), s.frame or "-") for s in spec.sensors
+    ]
+    actuators = [
+        (str(a.index), a.name, a.text, a.limb or "-", a.joint or "-", a.unit, _range(a.low, a.high))
+        for a in spec.actuators
+    ]
+    parts = [
+        _summary(spec),
         f"file {spec.file} ({spec.format}), base {spec.base}, family {spec.family or '-'}, "
-        f"task {spec.task or '-'}, naming {spec.naming}\n"
-    )
-    sensors = common.table("index", "sensor token", "text", "limb", "unit", "range", "frame", right=("index",))
-    for sensor in spec.sensors:
-        sensors.add_row(
-            str(sensor.index),
-            sensor.name,
-            sensor.text,
-            sensor.limb,
-            sensor.unit,
-            _range(sensor.low, sensor.high),
-            sensor.frame or "-",
-        )
-    console.print(sensors)
-    console.print()
-    if not spec.actuators:
-        console.print("no actuators")
-        return
-    actuators = common.table("index", "actuator token", "text", "limb", "joint", "unit", "range", right=("index",))
-    for actuator in spec.actuators:
-        actuators.add_row(
-            str(actuator.index),
-            actuator.name,
-            actuator.text,
-            actuator.limb or "-",
-            actuator.joint or "-",
-            actuator.unit,
-            _range(actuator.low, actuator.high),
-        )
-    console.print(actuators)
+        f"task {spec.task or '-'}, naming {spec.naming}",
+        "",
+        *_lines(SENSOR_COLUMNS, sensors, width),
+        "",
+        *(_lines(ACTUATOR_COLUMNS, actuators, width) if actuators else ["no actuators"]),
+    ]
+    return "\n".join(parts) + "\n"
 
 
-def _table_text(spec: TokenSpec) -> str:
-    from rich.console import Console
+def _lines(columns: Sequence[str], rows: Sequence[Sequence[str]], width: int | None) -> list[str]:
+    """Heading, rule and rows. Written out by hand: rich takes a second for the rows of a large robot."""
+    widths = {name: max(map(len, (name, *cells))) for name, *cells in zip(columns, *rows, strict=True)}
+    shown = list(columns)
+    for name in DISPENSABLE:
+        if width is not None and sum(widths[name] + 2 for name in shown) - 2 > width and name in shown:
+            shown.remove(name)
+    keep = [(columns.index(name), widths[name], name == "index") for name in shown]
 
-    file = StringIO()
-    _print_table(spec, Console(file=file, width=common.PIPE_WIDTH, highlight=False, emoji=False, markup=False))
-    return file.getvalue()
+    def line(cells: Sequence[str]) -> str:
+        padded = (cells[i].rjust(size) if right else cells[i].ljust(size) for i, size, right in keep)
+        return "  ".join(padded).rstrip()
+
+    rule = "─" * (sum(size + 2 for _, size, _ in keep) - 2)
+    return [line(columns), rule, *map(line, rows)]
