@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -12,6 +12,7 @@ from morphkit.errors import DescriptionError
 from morphkit.io.common import nearest
 from morphkit.morphology import Actuator
 
+Where = Callable[[str], str]
 _TRN = mujoco.mjtTrn
 _INPUT = mujoco.mjtCtrlInput
 _INPUTS = {
@@ -34,7 +35,7 @@ _ANGULAR = {"force": "N*m", "position": "rad", "velocity": "rad/s"}
 _LINEAR = {"force": "N", "position": "m", "velocity": "m/s"}
 
 
-def read_actuators(spec: mujoco.MjSpec, limb_of: Mapping[str, str], *, file: str) -> tuple[Actuator, ...]:
+def read_actuators(spec: mujoco.MjSpec, limb_of: Mapping[str, str], where: Where) -> tuple[Actuator, ...]:
     """Return the control inputs of a parsed model, in file order.
 
     An actuator with several inputs, such as `pid`, counts once an input. Actuators that drive only what lies outside
@@ -43,14 +44,14 @@ def read_actuators(spec: mujoco.MjSpec, limb_of: Mapping[str, str], *, file: str
     Args:
         spec: The parsed model; its bodies, joints and actuators are all named.
         limb_of: Body name -> limb name, for the bodies of the robot.
-        file: What the file is called in messages.
+        where: `info` of an element -> `file:line`, for messages.
 
     Raises:
         DescriptionError: An actuator drives a joint, site, body or tendon that does not exist.
     """
     found: list[Actuator] = []
     for actuator in spec.actuators:
-        joint, body = _target(spec, actuator, file)
+        joint, body = _target(spec, actuator, where)
         if body is not None and body not in limb_of:
             continue
         limb = limb_of[body] if body is not None else None
@@ -68,7 +69,7 @@ def read_actuators(spec: mujoco.MjSpec, limb_of: Mapping[str, str], *, file: str
     return tuple(found)
 
 
-def _target(spec: mujoco.MjSpec, actuator: Any, file: str) -> tuple[Any | None, str | None]:
+def _target(spec: mujoco.MjSpec, actuator: Any, where: Where) -> tuple[Any | None, str | None]:
     """Return the joint and the body name that an actuator drives; None for what it does not have."""
     kind, name = actuator.trntype, actuator.target
     joints = kind in (_TRN.mjTRN_JOINT, _TRN.mjTRN_JOINTINPARENT, _TRN.mjTRN_SO3)
@@ -88,7 +89,9 @@ def _target(spec: mujoco.MjSpec, actuator: Any, file: str) -> tuple[Any | None, 
         _TRN.mjTRN_SLIDERCRANK: ("site", spec.sites),
     }.get(kind, ("joint", spec.joints))
     hint = nearest(name, [element.name for element in known])
-    raise DescriptionError(f"{file}: actuator {actuator.name!r} drives {what} {name!r}, which does not exist{hint}")
+    raise DescriptionError(
+        f"{where(actuator.info)}: actuator {actuator.name!r} drives {what} {name!r}, which does not exist{hint}"
+    )
 
 
 def _inputs(spec: mujoco.MjSpec, actuator: Any, joint: Any | None) -> Iterator[tuple[str, str, tuple[float, float]]]:

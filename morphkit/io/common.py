@@ -56,7 +56,7 @@ def choose_root(roots: Sequence[str], wanted: str | None, *, file: str, element:
     if wanted is not None:
         if wanted not in roots:
             raise UnknownNameError(
-                f"{file}: no top-level {element} {wanted!r}{nearest(wanted, roots)} Top-level: {listed}"
+                f"{file}: no top-level {element} {wanted!r}; there is {listed}{nearest(wanted, roots)}"
             )
         return wanted
     if len(roots) > 1:

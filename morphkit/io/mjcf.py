@@ -13,7 +13,7 @@ from lxml import etree
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
 from morphkit.io import xml
-from morphkit.io.actuators import is_limited, joint_range, read_actuators
+from morphkit.io.actuators import Where, is_limited, joint_range, read_actuators
 from morphkit.io.common import choose_root, limb_type, unique
 from morphkit.io.resolve import flatten_includes, resolve_asset
 from morphkit.morphology import Base, Joint, JointKind, Limb, Morphology, Sensor
@@ -40,7 +40,7 @@ def read_mjcf(description: Description) -> Morphology:
         UnknownNameError: `description.root` is no top-level body.
     """
     file, info = description.file, description.info
-    spec = parse_spec(description)
+    spec, where = _parse(description)
     tops = spec.worldbody.bodies
     if not tops:
         raise DescriptionError(f"{file}: no <body> in <worldbody>; a robot needs at least one")
@@ -69,7 +69,7 @@ def read_mjcf(description: Description) -> Morphology:
         task=info.task,
         type_words=info.type_words,
         limbs=tuple(limbs),
-        actuators=read_actuators(spec, limb_of, file=file),
+        actuators=read_actuators(spec, limb_of, where),
         sensors=tuple(_sensors(spec, limb_of)),
     )
 
@@ -81,32 +81,46 @@ def parse_spec(description: Description) -> mujoco.MjSpec:
         DescriptionError: MuJoCo does not accept it, or two elements of a kind have one name.
         AssetError: An included file is missing.
     """
+    return _parse(description)[0]
+
+
+def _parse(description: Description) -> tuple[mujoco.MjSpec, Where]:
     file = description.file
     tree = xml.parse(description.source, file=file)
     if xml.root_format(tree, file=file) != "mjcf":
         raise DescriptionError(f"{file}:{tree.getroot().sourceline}: a URDF file, expected MJCF")
-    flat = flatten_includes(tree, description.folder, file=file)
-    edited = flat is not tree
-    for model in flat.iterfind("asset/model"):
-        reference = model.get("file")
-        if reference and description.folder is not None:
-            try:
-                model.set("file", str(resolve_asset(reference, description.folder)))
-            except AssetError as error:
-                raise AssetError(f"{file}:{model.sourceline}: {error}") from None
-            edited = True
+    edited = next(tree.iter("include", "model"), None) is not None  # then MuJoCo's line numbers are not the file's
     if edited:
-        text = etree.tostring(flat.getroot(), encoding="unicode")
+        flatten_includes(tree, description.folder, file=file)
+        _locate_models(tree, description)
+        text = etree.tostring(tree.getroot(), encoding="unicode")
     else:
         text = description.source.decode(tree.docinfo.encoding or "utf-8").lstrip("\ufeff")
-        text = re.sub(r"^<\?xml.*?\?>", lambda match: "\n" * match[0].count("\n"), text, flags=re.DOTALL)
+
+    def where(info: str) -> str:
+        line = re.search(r"line (\d+)", info or "")
+        return f"{file}:{line[1]}" if line and not edited else file
+
     try:
         spec = mujoco.MjSpec.from_string(text)
     except Exception as error:
-        raise _mujoco_error(error, file, exact=not edited) from None
-    _refuse_duplicates(spec, file, exact=not edited)
+        reason = " ".join(re.sub(r"^(XML )?Error:", "", str(error).strip()).split())
+        raise DescriptionError(f"{where(str(error))}: MuJoCo does not accept this MJCF: {reason}") from None
+    _refuse_duplicates(spec, where)
     name_elements(spec)
-    return spec
+    return spec, where
+
+
+def _locate_models(tree: etree._ElementTree, description: Description) -> None:
+    """Make the paths of models to attach absolute, in place; MuJoCo reads those while it parses."""
+    for model in tree.iterfind("asset/model[@file]"):
+        where = f"{description.file}:{model.sourceline}"
+        if description.folder is None:
+            raise DescriptionError(f"{where}: <model file={model.get('file')!r}> cannot be followed without a folder")
+        try:
+            model.set("file", str(resolve_asset(model.get("file") or "", description.folder)))
+        except AssetError as error:
+            raise AssetError(f"{where}: {error}") from None
 
 
 def name_elements(spec: mujoco.MjSpec) -> None:
@@ -193,25 +207,14 @@ def _body_of(spec: mujoco.MjSpec, kind: Any, name: str) -> str:
     return element.parent.name if element is not None else ""
 
 
-def _refuse_duplicates(spec: mujoco.MjSpec, file: str, *, exact: bool) -> None:
+def _refuse_duplicates(spec: mujoco.MjSpec, where: Where) -> None:
     for label, elements in (("bodies", spec.bodies), ("joints", spec.joints), ("actuators", spec.actuators)):
         seen: dict[str, str] = {}
         for element in elements:
-            line = _line(element.info) if exact else ""
+            place = where(element.info)
             if element.name and element.name in seen:
-                first = f" (the first in line {seen[element.name]})" if seen[element.name] else ""
-                where = f"{file}:{line}" if line else file
-                raise DescriptionError(f"{where}: two {label} are called {element.name!r}{first}; rename one of them")
-            seen[element.name] = line
-
-
-def _line(info: str) -> str:
-    match = re.search(r"line (\d+)", info or "")
-    return match[1] if match else ""
-
-
-def _mujoco_error(error: Exception, file: str, *, exact: bool) -> DescriptionError:
-    text = str(error).strip()
-    line = _line(text) if exact else ""
-    reason = " ".join(re.sub(r"^(XML )?Error:", "", text).split())
-    return DescriptionError(f"{file}{':' + line if line else ''}: MuJoCo does not accept this MJCF: {reason}")
+                first = seen[element.name]
+                raise DescriptionError(
+                    f"{place}: two {label} are called {element.name!r} (the first in {first}); rename one of them"
+                )
+            seen[element.name] = place

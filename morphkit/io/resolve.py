@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -74,27 +73,24 @@ def resolve_asset(reference: str, folder: Path, *, packages: Mapping[str, Path] 
 
 
 def flatten_includes(tree: etree._ElementTree, folder: Path | None, *, file: str = "model") -> etree._ElementTree:
-    """Replace every MJCF `<include file="..."/>` by what stands in that file.
+    """Replace every MJCF `<include file="..."/>` by what stands in that file, in place.
 
     File names start in `folder`, else in the folder of the including file. As in MuJoCo, a file can be included once.
 
     Args:
-        tree: The parsed MJCF; it stays as it is.
+        tree: The parsed MJCF; it is edited.
         folder: The folder of the main file.
         file: What the main file is called in messages.
 
     Returns:
-        `tree` itself where it includes nothing, else a copy without includes.
+        `tree`, without includes.
 
     Raises:
         AssetError: An included file is missing or lies outside `folder`.
         DescriptionError: An included file is not XML, or is included twice.
     """
-    if next(tree.iter("include"), None) is None:
-        return tree
-    flat = copy.deepcopy(tree)
     origin: dict[Path, str] = {}
-    pending = [(element, folder, file) for element in flat.iter("include")]
+    pending = [(element, folder, file) for element in tree.iter("include")]
     while pending:
         element, base, owner = pending.pop()
         where = f"{owner}:{element.sourceline}"
@@ -113,13 +109,16 @@ def flatten_includes(tree: etree._ElementTree, folder: Path | None, *, file: str
                 " included once"
             )
         origin[path] = where
-        part = parse(path.read_bytes(), file=path.name).getroot()
+        try:
+            part = parse(path.read_bytes(), file=path.name).getroot()
+        except OSError as error:
+            raise AssetError(f"{where}: {path} cannot be read: {error.strerror}") from None
         children = list(part)
         _replace(element, part)
         for child in children:
             if isinstance(child.tag, str):
                 pending += [(nested, path.parent, path.name) for nested in child.iter("include")]
-    return flat
+    return tree
 
 
 def _included(reference: str, folder: Path, base: Path) -> Path:

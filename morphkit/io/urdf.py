@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import copy
 import io
-import logging
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -19,6 +19,7 @@ from morphkit.morphology import Actuator, Base, Joint, JointKind, Limb, Morpholo
 
 WORLD = "world"
 _KINDS: dict[str, JointKind] = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "spherical": "ball"}
+_BASES: dict[str, Base] = {"floating": "free", "planar": "planar"}
 _UNITS: dict[JointKind, str] = {"hinge": "N*m", "slide": "N", "ball": "N*m", "free": "1"}
 
 
@@ -45,9 +46,13 @@ def read_urdf(description: Description) -> Morphology:
     below: dict[str, list[Any]] = {}
     for joint in robot.joints:
         below.setdefault(joint.parent, []).append(joint)
-    root, attached = _root(roots, below, description)
+    root, attachment = _root(roots, below, description)
     limbs, limb_of, limb_joints = _limbs(root, below, description)
-    base: Base = {"floating": "free", "planar": "planar"}.get(attached or "", "fixed")  # type: ignore[assignment]
+    base: Base = "fixed"
+    if attachment is not None and attachment.type in _BASES:
+        base = _BASES[attachment.type]
+    elif attachment is not None and attachment.type != "fixed":
+        limb_joints[attachment.name] = (root, _joints(attachment, file)[0])
     return Morphology(
         name=description.name,
         file=file,
@@ -64,22 +69,27 @@ def read_urdf(description: Description) -> Morphology:
 
 
 def _robot(tree: etree._ElementTree, file: str) -> Any:
-    """The file as yourdfpy understands it; no mesh is opened."""
+    """Links and joints as yourdfpy understands them; what links look like and weigh is left out."""
     import yourdfpy
 
-    logging.getLogger("yourdfpy.urdf").setLevel(logging.CRITICAL)
+    skeleton = etree.Element("robot", name="robot")
+    for link in tree.getroot().iterchildren("link"):
+        etree.SubElement(skeleton, "link", name=link.get("name") or "")
+    skeleton.extend(copy.deepcopy(joint) for joint in tree.getroot().iterchildren("joint"))
     try:
-        return yourdfpy.URDF.load(io.BytesIO(xml.serialize(tree)), load_meshes=False, build_scene_graph=False).robot
+        return yourdfpy.URDF.load(
+            io.BytesIO(etree.tostring(skeleton)), load_meshes=False, build_scene_graph=False
+        ).robot
     except Exception as error:
         raise DescriptionError(f"{file}: cannot be read as URDF: {error}") from error
 
 
-def _root(roots: tuple[str, ...], below: dict[str, list[Any]], description: Description) -> tuple[str, str | None]:
-    """Return the root limb's link and the type of the joint that attaches it to a `world` link, if any."""
+def _root(roots: tuple[str, ...], below: dict[str, list[Any]], description: Description) -> tuple[str, Any | None]:
+    """Return the root limb's link and the joint that attaches it to a `world` link, if any."""
     joint_to = {joint.child: joint for joint in below.get(WORLD, ())} if WORLD in roots else {}
     tops = [name for root in roots for name in (joint_to if root == WORLD and joint_to else (root,))]
     root = choose_root(tops, description.root, file=description.file, element="link")
-    return root, joint_to[root].type if root in joint_to else None
+    return root, joint_to.get(root)
 
 
 def _limbs(

@@ -55,6 +55,13 @@ def check_urdf(tree: etree._ElementTree, *, file: str) -> tuple[str, ...]:
     for link in links.values():
         _check_numbers(link, file)
     _refuse_cycles(parent_of, joint_of, file)
+    for name, joint in joints.items():
+        for mimic in joint.iterchildren("mimic"):
+            if mimic.get("joint") not in joints:
+                raise DescriptionError(
+                    f"{file}:{mimic.sourceline}: joint {name!r} mimics joint {mimic.get('joint')!r}, which does not"
+                    f" exist{nearest(mimic.get('joint') or '', joints)}"
+                )
     for transmission in root.iterchildren("transmission"):
         for element in transmission.iterchildren("joint"):
             if element.get("name") not in joints:

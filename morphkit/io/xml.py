@@ -65,6 +65,10 @@ def parse(source: bytes, *, file: str) -> etree._ElementTree:
         tree = cast(etree._ElementTree, etree.parse(io.BytesIO(source), parser))
     except etree.XMLSyntaxError as error:
         reason = " ".join((error.msg or "unknown error").split())
+        if "depth" in reason:
+            raise DescriptionError(
+                f"{file}:{error.lineno or 1}: elements are nested deeper than 256; a robot description is flatter"
+            ) from None
         raise DescriptionError(
             f"{file}:{error.lineno or 1}: not well-formed XML: {reason};"
             " expected a URDF (<robot>) or MJCF (<mujoco>) description"
@@ -83,8 +87,9 @@ def parse(source: bytes, *, file: str) -> etree._ElementTree:
 def serialize(tree: etree._ElementTree) -> bytes:
     """Return the bytes of `tree`, in the encoding that it was read in.
 
-    What stands before and after the root element (declaration, comments, final newline) is written as it was read, byte
-    for byte; within the root element comments, whitespace between elements and the order of attributes stay.
+    What stands before and after the root element (declaration, comments, final newline) is written as it was read,
+    byte for byte. Comments, CDATA, whitespace between elements and the order of attributes stay; inside a tag
+    attributes are joined by single spaces.
     """
     encoding = tree.docinfo.encoding or "UTF-8"
     parser = tree.parser
@@ -105,8 +110,10 @@ def root_format(tree: etree._ElementTree, *, file: str) -> Format:
     hint = ""
     if tag in ("mujocoinclude", "worldbody", "body"):
         hint = "; this is a part of an MJCF model, give the file that includes it"
-    elif "xacro" in str(tag) or tag == "sdf":
+    elif tag == "sdf":
         hint = "; convert it to URDF or MJCF first"
+    elif str(tag).startswith("{"):
+        hint = "; remove the namespace declaration xmlns=... from the root element"
     raise DescriptionError(
         f"{file}:{root.sourceline}: root element <{tag}>, expected <robot> (URDF) or <mujoco> (MJCF){hint}"
     )
