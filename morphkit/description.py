@@ -1,0 +1,69 @@
+"""A robot description: the bytes of a URDF or MJCF file and what stands beside it."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from morphkit.morphology import Base, Format
+
+
+@dataclass(frozen=True, slots=True)
+class RobotInfo:
+    """What learning needs to know of a robot beside its file; from `robot.toml` or a manifest.
+
+    Attributes:
+        description: One line for people.
+        license: SPDX identifier of the file's licence.
+        source: Where the robot's numbers come from.
+        family: Name of the family; robots of a family share type words.
+        type_words: One group of words a limb type, in the order of the `type_*` tokens.
+        type_matched_in: Whether the words are looked for in the limb's body name or in the name of its joint.
+        canonical: Raw limb name -> its name in plain words, where the rules of `naming` would not find it.
+        task: Name of the task that the robot is meant for.
+        base: How the root is attached to the world, where the file leaves it open.
+        healthy_height: Overrides the task's healthy height of the root, m.
+        expert_return: Return of a single-robot expert, to normalise scores with.
+    """
+
+    description: str = ""
+    license: str = ""
+    source: str = ""
+    family: str | None = None
+    type_words: tuple[tuple[str, ...], ...] = ()
+    type_matched_in: Literal["body", "joint"] = "body"
+    canonical: dict[str, str] = field(default_factory=dict)
+    task: str | None = None
+    base: Base | None = None
+    healthy_height: tuple[float, float] | None = None
+    expert_return: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """A robot description file in memory.
+
+    Attributes:
+        name: Name of the robot or variant.
+        file: Basename of the file.
+        format: `urdf` or `mjcf`, from the root element.
+        source: The bytes of the file.
+        folder: Where relative paths of meshes and includes start; None for a description without assets.
+        info: What stands in `robot.toml` or in the manifest.
+        root: Name of the top-level body or link to take, where the file has several.
+    """
+
+    name: str
+    file: str
+    format: Format
+    source: bytes
+    folder: Path | None = None
+    info: RobotInfo = field(default_factory=RobotInfo)
+    root: str | None = None
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the source, hexadecimal."""
+        return hashlib.sha256(self.source).hexdigest()

@@ -1,0 +1,221 @@
+"""Training settings: frozen dataclasses, read from TOML presets, changed with `key=value`."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import tomllib
+import types
+import typing
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal
+
+from morphkit.errors import ConfigError, UnknownNameError
+
+
+@dataclass(frozen=True, slots=True)
+class TextConfig:
+    """How token texts become vectors.
+
+    Attributes:
+        encoder: `minilm`, a model name of the Hugging Face hub, or a local folder.
+        pooling: `mean`, `cls`, or `default` for what suits the encoder.
+        naming: `canonical` gives like limbs of different robots like texts; `raw` keeps the file's names.
+    """
+
+    encoder: str = "minilm"
+    pooling: Literal["default", "mean", "cls"] = "default"
+    naming: Literal["canonical", "raw"] = "canonical"
+
+
+@dataclass(frozen=True, slots=True)
+class ModelConfig:
+    """Size of actor and critics.
+
+    Attributes:
+        method: Name of the method.
+        d_model: Width of a limb token.
+        layers: Transformer layers.
+        heads: Attention heads.
+        feedforward: Width of the feed-forward part of a layer.
+    """
+
+    method: str = "limb-former"
+    d_model: int = 64
+    layers: int = 2
+    heads: int = 2
+    feedforward: int = 128
+
+
+@dataclass(frozen=True, slots=True)
+class TD3Config:
+    """TD3 (Fujimoto et al. 2018).
+
+    Attributes:
+        batch_size: Transitions in an update over all robots; every robot gives the same share, rounded up.
+        discount: Discount of one step.
+        n_step: Rewards summed before the target bootstraps.
+        tau: Share of the online networks that a Polyak update moves into the targets.
+        policy_delay: Critic updates per actor and target update.
+        learning_rate: Adam's step size, for actor and critics.
+        target_noise: Standard deviation of the noise on target actions, on actions in [-1, 1].
+        target_noise_clip: Bound of that noise.
+        exploration_noise: Standard deviation of the noise on actions in [-1, 1] while collecting.
+        gradient_clip: Largest gradient norm; 0 for none.
+        reward_scale: Factor on rewards before they are learned from.
+    """
+
+    batch_size: int = 384
+    discount: float = 0.99
+    n_step: int = 1
+    tau: float = 0.01
+    policy_delay: int = 2
+    learning_rate: float = 3e-4
+    target_noise: float = 0.2
+    target_noise_clip: float = 0.5
+    exploration_noise: float = 0.2
+    gradient_clip: float = 10.0
+    reward_scale: float = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class TrainerConfig:
+    """Collection, logging and checkpoints.
+
+    Attributes:
+        num_envs: Environments a robot.
+        start_steps: Random environment steps, over all robots, before learning starts.
+        updates_per_sweep: Updates after each step of all environments.
+        replay_capacity: Transitions kept, over all robots.
+        observation: `fixed`, or `legacy` with the published code's defects.
+        precision: `bfloat16`, `float32`, or `auto` for what the processor is good at.
+        log_seconds: Seconds between two rows of metrics.
+        checkpoint_seconds: Seconds between two checkpoints.
+    """
+
+    num_envs: int = 4
+    start_steps: int = 20_000
+    updates_per_sweep: int = 4
+    replay_capacity: int = 2_000_000
+    observation: Literal["fixed", "legacy"] = "fixed"
+    precision: Literal["auto", "float32", "bfloat16"] = "auto"
+    log_seconds: float = 10.0
+    checkpoint_seconds: float = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class TrainConfig:
+    """All settings of a training run."""
+
+    text: TextConfig = field(default_factory=TextConfig)
+    model: ModelConfig = field(default_factory=ModelConfig)
+    td3: TD3Config = field(default_factory=TD3Config)
+    trainer: TrainerConfig = field(default_factory=TrainerConfig)
+
+    def to_dict(self) -> dict[str, dict[str, Any]]:
+        """Sections and their settings, as JSON and TOML can hold them."""
+        return dataclasses.asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any], *, origin: str) -> TrainConfig:
+        """Build from sections of settings.
+
+        Raises:
+            ConfigError: A section or key does not exist, or a value has the wrong type or range.
+        """
+        return _build(cls, values, origin, "")
+
+
+def presets() -> tuple[str, ...]:
+    """Names of the presets that ship with morphkit_rl."""
+    folder = resources.files("morphkit_rl") / "presets"
+    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
+
+
+def load_config(preset: str | Path = "default", overrides: Sequence[str] = ()) -> TrainConfig:
+    """Read a preset and change single settings.
+
+    Args:
+        preset: Name of a shipped preset, or path of a TOML file.
+        overrides: Settings such as `td3.tau=0.01`; the value is TOML, or a bare word.
+
+    Raises:
+        UnknownNameError: There is no such preset.
+        ConfigError: The file is no TOML, or a setting does not exist or has an impossible value.
+    """
+    if str(preset) in presets():
+        origin = f"preset {preset}"
+        text = (resources.files("morphkit_rl") / "presets" / f"{preset}.toml").read_text()
+    elif Path(preset).suffix == ".toml" and Path(preset).is_file():
+        origin, text = str(preset), Path(preset).read_text()
+    else:
+        raise UnknownNameError(f"no preset {str(preset)!r} and no such .toml file; presets: {', '.join(presets())}")
+    try:
+        values: dict[str, Any] = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{origin}: not valid TOML: {error}") from None
+    for override in overrides:
+        _override(values, override)
+    return TrainConfig.from_dict(values, origin=origin)
+
+
+def _override(values: dict[str, Any], override: str) -> None:
+    key, equals, text = override.partition("=")
+    section, dot, name = key.strip().partition(".")
+    if not (equals and dot and name):
+        raise ConfigError(f"--set {override!r}: expected section.name=value, such as td3.tau=0.01")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text.strip()
+    if not isinstance(values.setdefault(section, {}), dict):
+        raise ConfigError(f"--set {override!r}: {section!r} is no section")
+    values[section][name] = value
+
+
+def _build(kind: type[Any], values: Mapping[str, Any], origin: str, section: str) -> Any:
+    hints = typing.get_type_hints(kind)
+    arguments: dict[str, Any] = {}
+    for key, value in values.items():
+        where = f"{section}.{key}" if section else key
+        if key not in hints:
+            near = difflib.get_close_matches(key, hints, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"there is {', '.join(hints)}"
+            raise ConfigError(f"{origin}: unknown setting {where!r}; {hint}")
+        hint = hints[key]
+        if dataclasses.is_dataclass(hint):
+            if not isinstance(value, Mapping):
+                raise ConfigError(f"{origin}: {where} is a section, not a value")
+            arguments[key] = _build(typing.cast("type[Any]", hint), value, origin, where)
+        else:
+            arguments[key] = _check(hint, value, f"{origin}: {where}")
+    return kind(**arguments)
+
+
+_AT_LEAST_ONE = (
+    "batch_size", "n_step", "policy_delay", "num_envs", "updates_per_sweep",
+    "replay_capacity", "d_model", "layers", "heads", "feedforward",
+)  # fmt: skip
+
+
+def _check(hint: Any, value: Any, where: str) -> Any:
+    name = where.rpartition(".")[2]
+    if typing.get_origin(hint) is Literal:
+        choices = typing.get_args(hint)
+        if value not in choices:
+            raise ConfigError(f"{where} is {value!r}; expected one of {', '.join(choices)}")
+        return value
+    if isinstance(hint, types.UnionType):
+        raise TypeError(f"{where}: settings have one type")
+    if hint is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
+        raise ConfigError(f"{where} is {value!r}; expected {hint.__name__}")
+    if hint in (int, float):
+        lowest = 1 if name in _AT_LEAST_ONE else 0
+        if not lowest <= value < float("inf"):
+            raise ConfigError(f"{where} is {value!r}; expected a number of at least {lowest}")
+    return value

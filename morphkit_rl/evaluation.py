@@ -1,0 +1,193 @@
+"""Noise-free returns of a policy beside a random one."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from morphkit.description import Description
+from morphkit.errors import ConfigError
+from morphkit.morphology import Base
+from morphkit.simulation import Simulation
+from morphkit_rl.actions import ActionScale
+from morphkit_rl.envs.batch import BatchEnv
+from morphkit_rl.policy import Policy
+from morphkit_rl.robots import Robot, prepare
+
+RESAMPLES = 10_000
+
+Act = Callable[[np.ndarray], np.ndarray]
+"""Observations (batch, tokens) to controls (batch, actuators)."""
+
+
+@dataclass(frozen=True)
+class RobotResult:
+    """Returns of a trained and a random policy on one robot.
+
+    Attributes:
+        robot: Name of the robot.
+        trained_on: Whether training saw the robot.
+        returns: Return of each noise-free episode.
+        random_returns: Return of each episode with actions drawn uniformly from the control ranges.
+        lengths: Steps of each noise-free episode.
+        expert_return: Return of a single-robot expert; None where unknown.
+    """
+
+    robot: str
+    trained_on: bool
+    returns: tuple[float, ...]
+    random_returns: tuple[float, ...]
+    lengths: tuple[int, ...]
+    expert_return: float | None
+
+    @property
+    def mean(self) -> float:
+        """Mean return of the policy."""
+        return float(np.mean(self.returns))
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of the policy's returns."""
+        return float(np.std(self.returns))
+
+    @property
+    def random_mean(self) -> float:
+        """Mean return of the random policy."""
+        return float(np.mean(self.random_returns))
+
+    @cached_property
+    def random_interval(self) -> tuple[float, float]:
+        """95 % percentile bootstrap interval of the random policy's mean return."""
+        returns = np.asarray(self.random_returns)
+        rng = np.random.default_rng(0)
+        means = rng.choice(returns, (RESAMPLES, len(returns))).mean(1)
+        low, high = np.percentile(means, [2.5, 97.5])
+        return float(low), float(high)
+
+    @property
+    def beats_random(self) -> bool:
+        """Whether the mean return lies above the random policy's interval."""
+        return self.mean > self.random_interval[1]
+
+    @property
+    def normalised(self) -> float | None:
+        """(return - random) / (expert - random); None where no expert return is known."""
+        if self.expert_return is None:
+            return None
+        return (self.mean - self.random_mean) / (self.expert_return - self.random_mean)
+
+
+def evaluate(
+    run: Path,
+    descriptions: Sequence[Description],
+    *,
+    episodes: int = 10,
+    seed: int = 0,
+    task: str | None = None,
+    base: Base | None = None,
+) -> list[RobotResult]:
+    """Run a trained policy on robots, seen or unseen.
+
+    Args:
+        run: The run folder.
+        descriptions: The robots.
+        episodes: Episodes a robot, for the policy and for the random one; each starts from a reset of its own.
+        seed: Seed of resets and of the random policy.
+        task: Name of the task; default: each robot's own.
+        base: How roots are attached to the world; default: each robot's own.
+
+    Raises:
+        CheckpointError: The run has no whole checkpoint.
+        ConfigError: A robot has no actuators, or `episodes` is less than 1.
+    """
+    if episodes < 1:
+        raise ConfigError(f"episodes is {episodes}; expected at least 1")
+    policy = Policy.load(run)
+    robots = [_prepared(policy, description, task, base) for description in descriptions]
+    return [_evaluate_one(policy, robot, episodes, seed) for robot in robots]
+
+
+def record(
+    run: Path,
+    description: Description,
+    *,
+    seed: int = 0,
+    max_steps: int = 500,
+    task: str | None = None,
+    base: Base | None = None,
+) -> tuple[Simulation, np.ndarray, float]:
+    """Play one noise-free episode for a video.
+
+    Returns:
+        The simulation, qpos (steps + 1, nq) of the episode, and its steps a second.
+    """
+    policy = Policy.load(run)
+    robot = _prepared(policy, description, task, base)
+    env = _single(policy, robot, 1, seed)
+    obs = env.reset()[0]
+    poses = [env.state(0)[0][0].copy()]
+    for _ in range(max_steps):
+        step = env.step([policy.act(robot.spec, obs)])
+        if step.terminated[0][0] or step.truncated[0][0]:
+            break
+        poses.append(env.state(0)[0][0].copy())
+        obs = step.obs[0]
+    env.close()
+    rate = 1 / (robot.simulation.model.opt.timestep * robot.task.frame_skip)
+    return robot.simulation, np.stack(poses), float(rate)
+
+
+def play(env: BatchEnv, act: Act) -> tuple[np.ndarray, np.ndarray]:
+    """Play the first episode of every environment of a single-robot batch.
+
+    Returns:
+        Returns and lengths, (environments,).
+    """
+    obs = env.reset()[0]
+    returns = np.zeros(len(obs))
+    lengths = np.zeros(len(obs), int)
+    going = np.ones(len(obs), bool)
+    while going.any():
+        step = env.step([act(obs)])
+        returns[going] += step.reward[0][going]
+        lengths[going] += 1
+        going &= ~(step.terminated[0] | step.truncated[0])
+        obs = step.obs[0]
+    return returns, lengths
+
+
+def _evaluate_one(policy: Policy, robot: Robot, episodes: int, seed: int) -> RobotResult:
+    env = _single(policy, robot, episodes, seed)
+    returns, lengths = play(env, lambda obs: policy.act(robot.spec, obs))
+    env.close()
+    rng = np.random.default_rng([seed, zlib.crc32(robot.name.encode())])
+    scale = ActionScale(robot.spec)
+    shape = (episodes, len(robot.spec.actuators))
+    env = _single(policy, robot, episodes, seed)
+    random_returns, _ = play(env, lambda _: scale.to_controls(rng.uniform(-1, 1, shape)))
+    env.close()
+    return RobotResult(
+        robot=robot.name,
+        trained_on=robot.name in policy.trained_on,
+        returns=tuple(returns.tolist()),
+        random_returns=tuple(random_returns.tolist()),
+        lengths=tuple(lengths.tolist()),
+        expert_return=robot.simulation.description.info.expert_return,
+    )
+
+
+def _prepared(policy: Policy, description: Description, task: str | None, base: Base | None) -> Robot:
+    robot = prepare(description, policy.config.text.naming, task=task, base=base)
+    if not robot.spec.actuators:
+        raise ConfigError(f"{robot.name}: has no actuators, so there is nothing to control")
+    return robot
+
+
+def _single(policy: Policy, robot: Robot, num_envs: int, seed: int) -> BatchEnv:
+    observation = policy.config.trainer.observation
+    return BatchEnv([robot.simulation], [robot.task], num_envs, observation=observation, seed=seed)

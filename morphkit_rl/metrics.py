@@ -1,0 +1,54 @@
+"""Metrics of a run: JSON lines for programs, TensorBoard events for people."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from morphkit_rl.checkpoint import write_text
+
+
+def read_metrics(run: Path) -> list[dict[str, Any]]:
+    """Rows of `metrics.jsonl`, oldest first; a last row that was cut short is left out."""
+    path = run / "metrics.jsonl"
+    rows: list[dict[str, Any]] = []
+    for line in path.read_text().splitlines() if path.is_file() else []:
+        try:
+            rows.append(json.loads(line))
+        except json.JSONDecodeError:
+            break
+    return rows
+
+
+class MetricsLog:
+    """Appends to `metrics.jsonl` and to TensorBoard events; rows after step `steps` are dropped first.
+
+    Args:
+        run: The run folder.
+        steps: Environment steps that the run starts from.
+    """
+
+    def __init__(self, run: Path, steps: int):
+        from torch.utils.tensorboard import SummaryWriter
+
+        kept = [row for row in read_metrics(run) if row["steps"] <= steps]
+        self.path = run / "metrics.jsonl"
+        write_text(self.path, "".join(json.dumps(row) + "\n" for row in kept))
+        self.writer = SummaryWriter(str(run / "tensorboard"), purge_step=steps)
+
+    def write(self, row: Mapping[str, Any]) -> None:
+        """Append one row; numbers become TensorBoard scalars, `returns` one scalar a robot."""
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+        for key, value in row.items():
+            if isinstance(value, int | float) and key != "steps":
+                self.writer.add_scalar(key, value, row["steps"])
+        for robot, value in row["returns"].items():
+            self.writer.add_scalar(f"return/{robot}", value, row["steps"])
+        self.writer.flush()
+
+    def close(self) -> None:
+        """Close the files."""
+        self.writer.close()

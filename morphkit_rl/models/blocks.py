@@ -1,0 +1,57 @@
+"""Building blocks whose parameters have a leading member axis: twin critics are one module with two members."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+
+class MemberLinear(nn.Module):
+    """One affine map a member: (members, rows, inputs) -> (members, rows, outputs); initialised as `nn.Linear`."""
+
+    def __init__(self, members: int, inputs: int, outputs: int, *, bias: bool = True, gain: float = 1.0):
+        super().__init__()
+        bound = gain / math.sqrt(inputs)
+        self.weight = nn.Parameter(torch.empty(members, inputs, outputs).uniform_(-bound, bound))
+        self.bias = nn.Parameter(torch.zeros(members, 1, outputs)) if bias else None
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Map each member's rows, in the precision of `x`."""
+        weight = self.weight.to(x.dtype)
+        return torch.bmm(x, weight) if self.bias is None else torch.baddbmm(self.bias.to(x.dtype), x, weight)
+
+
+class TransformerLayer(nn.Module):
+    """Pre-norm transformer layer over the limbs (Vaswani et al. 2017; Xiong et al. 2020).
+
+    Layer norms carry no scale and shift of their own: each is followed by an affine map that can express them.
+    """
+
+    def __init__(self, members: int, d_model: int, heads: int, feedforward: int):
+        super().__init__()
+        self.heads = heads
+        self.qkv = MemberLinear(members, d_model, 3 * d_model)
+        self.out = MemberLinear(members, d_model, d_model)
+        self.expand = MemberLinear(members, d_model, feedforward)
+        self.contract = MemberLinear(members, feedforward, d_model)
+
+    def forward(self, x: Tensor, bias: Tensor) -> Tensor:
+        """Mix limbs.
+
+        Args:
+            x: (members, batch, limbs, d_model).
+            bias: (members, 1, heads, limbs, limbs) added to the attention logits; -inf where limb i must not see j.
+        """
+        members, batch, limbs, width = x.shape
+        rows = (members, batch * limbs, width)
+        normed = F.layer_norm(x, (width,)).view(rows)
+        qkv = self.qkv(normed).view(members, batch, limbs, 3, self.heads, width // self.heads)
+        q, k, v = qkv.permute(3, 0, 1, 4, 2, 5)
+        logits = torch.matmul(q * (width // self.heads) ** -0.5, k.transpose(-1, -2)) + bias
+        mixed = torch.matmul(torch.softmax(logits, -1), v)
+        x = x + self.out(mixed.transpose(2, 3).reshape(rows)).view(x.shape)
+        hidden = F.relu(self.expand(F.layer_norm(x, (width,)).view(rows)))
+        return x + self.contract(hidden).view(x.shape)

@@ -1,0 +1,117 @@
+"""A trained policy without its trainer."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from morphkit.errors import CheckpointError, ConfigError
+from morphkit.tokens import TokenSpec
+from morphkit_rl import checkpoint, runs
+from morphkit_rl.actions import ActionScale
+from morphkit_rl.config import TrainConfig
+from morphkit_rl.models import build
+from morphkit_rl.models.layout import Layout, build_layout
+from morphkit_rl.models.limb_former import Actor
+from morphkit_rl.normalizer import Normalizer, normalize
+from morphkit_rl.text.embedder import TokenEmbedder
+
+
+class Policy:
+    """One noise-free policy for any robot whose tokens have names.
+
+    Args:
+        actor: The network.
+        normalizer: Observation statistics.
+        embedder: Texts to embeddings.
+        config: What the policy was trained with.
+        trained_on: Names of the training robots.
+
+    Example:
+        >>> policy = Policy.load("runs/cheetah")  # doctest: +SKIP
+        >>> controls = policy.act(spec, obs)  # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        actor: Actor,
+        normalizer: Normalizer,
+        embedder: TokenEmbedder,
+        config: TrainConfig,
+        trained_on: Sequence[str] = (),
+    ):
+        self.actor, self.normalizer, self.embedder, self.config = actor, normalizer, embedder, config
+        self.trained_on = tuple(trained_on)
+        self._prepared: dict[tuple[str, ...], tuple[Layout, torch.Tensor, torch.Tensor, ActionScale]] = {}
+
+    @classmethod
+    def load(cls, run: str | Path) -> Policy:
+        """Load the latest checkpoint of a run folder.
+
+        Raises:
+            CheckpointError: There is none, it is damaged, or it belongs to another method.
+            DependencyError: The text encoder is out of reach.
+        """
+        run = Path(run)
+        folder, state = checkpoint.load_state(run)
+        saved = runs.read(run)
+        config = TrainConfig.from_dict(saved["config"], origin=str(run / "config.json"))
+        arrays = checkpoint.load_arrays(folder / "policy.safetensors")
+        encoder = runs.make_encoder(config)
+        try:
+            embedder = TokenEmbedder(encoder, arrays["embedding/mean"], arrays["embedding/std"])
+            normalizer = Normalizer()
+            normalizer.load_state_dict(
+                {k: arrays[f"normalizer/{k}"] for k in ("count", "mean", "m2")}, state["quantities"]
+            )
+        except KeyError as error:
+            raise CheckpointError(f"{folder / 'policy.safetensors'}: lacks {error}") from None
+        if embedder.mean.shape != (encoder.size,):
+            raise CheckpointError(
+                f"{folder}: made with embeddings of size {embedder.mean.size}; {config.text.encoder!r} gives {encoder.size}"
+            )
+        actor, _ = build(config.model, encoder.size)
+        checkpoint.load_modules({"actor": actor}, arrays, folder / "policy.safetensors")
+        return cls(actor, normalizer, embedder, config, [robot["name"] for robot in saved["robots"]])
+
+    def act(self, spec: TokenSpec, obs: np.ndarray) -> np.ndarray:
+        """Controls for one robot.
+
+        Args:
+            spec: The robot's tokens.
+            obs: (tokens,) or (batch, tokens) observations in token order, in the tokens' units.
+
+        Returns:
+            float32 (actuators,) or (batch, actuators) in the actuators' units and order.
+
+        Raises:
+            ConfigError: The observations have another width than the robot has sensor tokens.
+        """
+        obs = np.asarray(obs, dtype=np.float32)
+        if obs.ndim not in (1, 2) or obs.shape[-1] != len(spec.sensors):
+            raise ConfigError(
+                f"{spec.morphology}: expected observations of width {len(spec.sensors)}, got an array of shape {obs.shape}"
+            )
+        layout, scale, shift, actions = self._prepare(spec)
+        with torch.no_grad():
+            rows = torch.from_numpy(np.atleast_2d(obs))
+            action = self.actor(normalize(rows, scale, shift), layout).numpy()
+        return actions.to_controls(action).astype(np.float32).reshape(*obs.shape[:-1], -1)
+
+    def _prepare(self, spec: TokenSpec) -> tuple[Layout, torch.Tensor, torch.Tensor, ActionScale]:
+        key = (spec.sha256, spec.naming, *(token.text for token in (*spec.sensors, *spec.actuators)))
+        if key not in self._prepared:
+            if spec.naming != self.config.text.naming:
+                warnings.warn(
+                    f"{spec.morphology}: tokens are named {spec.naming!r}, the policy was trained on "
+                    f"{self.config.text.naming!r} names",
+                    stacklevel=3,
+                )
+            layout = build_layout([spec], self.embedder)
+            scale, shift = self.normalizer.scale_and_shift(self.normalizer.index([spec]))
+            self._prepared[key] = (layout, torch.from_numpy(scale), torch.from_numpy(shift), ActionScale(spec))
+        return self._prepared[key]

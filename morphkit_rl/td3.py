@@ -1,0 +1,130 @@
+"""TD3 over many morphologies at once (Fujimoto et al. 2018, algorithm 1)."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from morphkit_rl.config import ModelConfig, TD3Config
+from morphkit_rl.models import build
+from morphkit_rl.models.layout import Layout
+from morphkit_rl.normalizer import normalize
+from morphkit_rl.replay import Batch
+
+
+class TD3:
+    """Actor, twin critics, their targets and optimisers.
+
+    Args:
+        model: Size of the networks.
+        config: Hyperparameters.
+        embedding_size: Size of a token's text embedding.
+        device: Where the networks live.
+        precision: `float32`, or `bfloat16` for the transformer layers; parameters are float32.
+    """
+
+    def __init__(
+        self,
+        model: ModelConfig,
+        config: TD3Config,
+        embedding_size: int,
+        *,
+        device: str = "cpu",
+        precision: str = "float32",
+    ):
+        self.config = config
+        self.device = torch.device(device)
+        self.precision = precision
+        actor, critic = build(model, embedding_size)
+        for network in (actor, critic):
+            network.encoder.precision = getattr(torch, precision)
+        self.actor, self.critic = actor.to(self.device), critic.to(self.device)
+        self.actor_target, self.critic_target = (
+            deepcopy(net).requires_grad_(False) for net in (self.actor, self.critic)
+        )
+        fused = self.device.type in ("cpu", "cuda")
+        self.actor_optimizer = torch.optim.Adam(self.actor.parameters(), config.learning_rate, fused=fused)
+        self.critic_optimizer = torch.optim.Adam(self.critic.parameters(), config.learning_rate, fused=fused)
+        self.updates = 0
+
+    def update(
+        self, batch: Batch, scale: Tensor, shift: Tensor, layout: Layout, rng: np.random.Generator
+    ) -> dict[str, Tensor]:
+        """Update the critics, and every `policy_delay`-th time the actor and the targets.
+
+        Args:
+            batch: Transitions of the layout's robots, raw observations.
+            scale: (tokens,) factor that normalises observations.
+            shift: (tokens,) summand that normalises observations.
+            layout: The robots.
+            rng: Source of the target noise.
+
+        Returns:
+            Scalars: `critic_loss` and `q_mean`, with `actor_loss` where the actor was updated.
+        """
+        obs = normalize(self._tensor(batch.obs), scale, shift)
+        next_obs = normalize(self._tensor(batch.next_obs), scale, shift)
+        action = self._tensor(batch.action)
+        noise = rng.standard_normal(action.shape, dtype=np.float32) * self.config.target_noise
+        noise = self._tensor(noise.clip(-self.config.target_noise_clip, self.config.target_noise_clip))
+        with torch.no_grad():
+            next_action = (self.actor_target(next_obs, layout) + noise).clamp(-1, 1)
+            next_q = self.critic_target(next_obs, next_action, layout).amin(0)
+            reward = self._tensor(batch.reward) * self.config.reward_scale
+            target = reward + self._tensor(batch.discount) * next_q
+        q = self.critic(obs, action, layout)
+        critic_loss = (q - target).square().mean((1, 2)).sum()
+        self._step(critic_loss, self.critic_optimizer, self.critic)
+        self.updates += 1
+        losses = {"critic_loss": critic_loss.detach(), "q_mean": q.detach().mean() / self.config.reward_scale}
+        if self.updates % self.config.policy_delay == 0:
+            self.critic.requires_grad_(False)
+            q = self.critic(obs, self.actor(obs, layout), layout)[0]
+            self.critic.requires_grad_(True)
+            actor_loss = -q.mean()
+            self._step(actor_loss, self.actor_optimizer, self.actor)
+            losses["actor_loss"] = actor_loss.detach()
+            for target_net, net in ((self.actor_target, self.actor), (self.critic_target, self.critic)):
+                with torch.no_grad():
+                    torch._foreach_lerp_(list(target_net.parameters()), list(net.parameters()), self.config.tau)
+        return losses
+
+    @torch.no_grad()
+    def act(self, obs: np.ndarray, scale: Tensor, shift: Tensor, layout: Layout) -> np.ndarray:
+        """Noise-free actions in [-1, 1] (batch, actuators) at raw observations (batch, tokens)."""
+        return self.actor(normalize(self._tensor(obs), scale, shift), layout).cpu().numpy()
+
+    def networks(self) -> dict[str, nn.Module]:
+        """The networks by name."""
+        return {
+            "actor": self.actor,
+            "critic": self.critic,
+            "actor_target": self.actor_target,
+            "critic_target": self.critic_target,
+        }
+
+    def optimizers(self) -> dict[str, torch.optim.Optimizer]:
+        """The optimisers by name."""
+        return {"actor": self.actor_optimizer, "critic": self.critic_optimizer}
+
+    def _tensor(self, array: np.ndarray) -> Tensor:
+        return torch.as_tensor(array, dtype=torch.float32, device=self.device)
+
+    def _step(self, loss: Tensor, optimizer: torch.optim.Optimizer, net: nn.Module) -> None:
+        optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        if self.config.gradient_clip > 0:
+            nn.utils.clip_grad_norm_(net.parameters(), self.config.gradient_clip)
+        optimizer.step()
+
+
+def resolve_precision(precision: str, device: str) -> str:
+    """`auto` becomes `bfloat16` where the processor multiplies it natively, else `float32`."""
+    if precision != "auto":
+        return precision
+    if device.startswith("cuda"):
+        return "bfloat16" if torch.cuda.is_bf16_supported() else "float32"
+    return "bfloat16" if torch.cpu._is_avx512_bf16_supported() else "float32"
