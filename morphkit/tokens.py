@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -12,25 +11,20 @@ from typing import Literal
 import numpy as np
 
 from morphkit import tokens_io
-from morphkit.morphology import Actuator, Base, Format, Joint, Limb, Morphology
-from morphkit.naming import canonical_joint_names, canonical_limb_names, unique
-from morphkit.vocabulary import plain, split
+from morphkit.morphology import Base, Format, Morphology
+from morphkit.naming import unique
+from morphkit.token_names import (
+    VELOCITY_LIMIT,
+    Naming,
+    actuator_names,
+    joint_labels,
+    limb_labels,
+    limb_scalars,
+)
 
-Naming = Literal["raw", "canonical"]
-
-VELOCITY_LIMIT = 10.0
-"""What translational velocities are clipped to, m/s."""
+__all__ = ["VELOCITY_LIMIT", "ActuatorToken", "Naming", "SensorToken", "TokenLimb", "TokenSpec", "tokens"]
 
 SCHEMA_VERSION = 1
-
-# quantity, components, unit, frame, limit
-_BODY_QUANTITIES: tuple[tuple[str, str, str, str | None, float | None], ...] = (
-    ("position", "xyz", "m", "world", None),
-    ("translational_velocity", "xyz", "m/s", "world", VELOCITY_LIMIT),
-    ("rotational_velocity", "xyz", "rad/s", "world", None),
-    ("exponential_map", "xyz", "rad", "world", None),
-    ("type", "0123", "1", None, None),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,11 +179,11 @@ def tokens(
     Returns:
         The tokens; names and texts are unique even for an uncased encoder: what reads like an earlier one is numbered.
     """
-    labels = _limb_labels(morphology, naming, limb_names, canonical or {})
-    joints = {limb.name: _joint_labels(limb, naming, labels[limb.name]) for limb in morphology.limbs}
-    scalars = [scalar for limb in morphology.limbs for scalar in _limb_scalars(limb, joints[limb.name])]
+    labels = limb_labels(morphology, naming, limb_names, canonical or {})
+    joints = {limb.name: joint_labels(limb, naming, labels[limb.name]) for limb in morphology.limbs}
+    scalars = [scalar for limb in morphology.limbs for scalar in limb_scalars(limb, joints[limb.name])]
     names = unique(f"{labels[limb]}_{suffix}" for limb, suffix, *_ in scalars)
-    controls = unique(_actuator_names(morphology.actuators, naming, labels, joints), taken=names)
+    controls = unique(actuator_names(morphology.actuators, naming, labels, joints), taken=names)
 
     def text(name: str) -> str:
         return name.replace("_", " ") if text_style == "words" else name
@@ -218,70 +212,6 @@ def tokens(
             for i, (name, a) in enumerate(zip(controls, morphology.actuators, strict=True))
         ),
     )
-
-
-_Scalar = tuple[str, str, str, str | None, str, str | None, float | None]
-"""limb, suffix of the name, quantity, component, unit, frame, limit."""
-
-
-def _limb_scalars(limb: Limb, joint_labels: Mapping[str, str]) -> Iterator[_Scalar]:
-    for quantity, components, unit, frame, limit in _BODY_QUANTITIES:
-        for component in components:
-            yield limb.name, f"{quantity}_{component}", quantity, component, unit, frame, limit
-    joints: tuple[Joint | None, ...] = limb.joints or (None,)
-    for joint in joints:
-        start = f"{joint_labels[joint.name]}_" if joint and len(limb.joints) > 1 else ""
-        range_unit = "m" if joint and joint.kind == "slide" else "1"
-        for quantity, unit in (("angle", "1"), ("joint_range_low", range_unit), ("joint_range_high", range_unit)):
-            yield limb.name, start + quantity, quantity, None, unit, None, None
-
-
-def _limb_labels(
-    morphology: Morphology, naming: Naming, limb_names: str, canonical: Mapping[str, str]
-) -> dict[str, str]:
-    """What each limb is called in token names, by its name in the file."""
-    if limb_names == "body" and naming == "canonical":
-        return {limb: _underscored(name) for limb, name in canonical_limb_names(morphology, canonical).items()}
-    labels = [
-        limb.joints[0].name if limb_names == "joint" and limb.joints and limb.parent is not None else limb.name
-        for limb in morphology.limbs
-    ]
-    if naming == "canonical":
-        labels = [_underscored(plain(split(label))) for label in labels]
-    return dict(zip((limb.name for limb in morphology.limbs), unique(labels), strict=True))
-
-
-def _joint_labels(limb: Limb, naming: Naming, label: str) -> dict[str, str]:
-    if naming == "canonical":
-        return {joint: _underscored(name) for joint, name in canonical_joint_names(limb, label).items()}
-    return {joint.name: joint.name for joint in limb.joints}
-
-
-def _actuator_names(
-    actuators: tuple[Actuator, ...],
-    naming: Naming,
-    labels: Mapping[str, str],
-    joints: Mapping[str, Mapping[str, str]],
-) -> Iterator[str]:
-    """`<limb>_ctrl`; `<limb>_<joint>_ctrl` where a limb has several; the actuator's own name where that is no name."""
-    a_limb = Counter(actuator.limb for actuator in actuators)
-    a_joint = Counter((actuator.limb, actuator.joint) for actuator in actuators)
-    for actuator in actuators:
-        limb, joint = actuator.limb, actuator.joint
-        own = _underscored(plain(split(actuator.name))) if naming == "canonical" else actuator.name
-        if limb is None:
-            parts = [own]
-        elif a_limb[limb] == 1:
-            parts = [labels[limb]]
-        elif joint is not None and a_joint[limb, joint] == 1:
-            parts = [labels[limb], joints[limb].get(joint, joint)]
-        else:
-            parts = [labels[limb], own]
-        yield "_".join([*parts, "ctrl"])
-
-
-def _underscored(name: str) -> str:
-    return name.replace(" ", "_")
 
 
 def _finite(value: float) -> float | None:

@@ -70,6 +70,7 @@ def is_known(word: str) -> bool:
 def plain(words: Sequence[str]) -> str:
     """Say a name in plain words: end, side, then what is left in its order: `rl calf` gives `back left shin`."""
     end, side, rest = "", "", []
+    words = " ".join(words).replace("fore arm", "forearm").split(" ")
     for i, word in enumerate(words):
         at_edge = len(words) > 1 and i in (0, len(words) - 1)
         if word in _ENDS:

@@ -41,6 +41,8 @@ def robot(*limbs: Limb | str, type_words: tuple[tuple[str, ...], ...] = ()) -> M
         ("r_larm", "right lower arm"),
         ("wrist_1_link", "wrist 1"),
         ("forearm_link", "lower arm"),
+        ("left_fore_arm", "left lower arm"),
+        ("fore_leg", "front leg"),
         ("base_link", "base"),
         ("thigh_l", "left thigh"),
         ("FrontLeftUpperLeg", "front left thigh"),

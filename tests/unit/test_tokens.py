@@ -229,6 +229,12 @@ def test_a_limb_without_joints_has_one_angle_like_the_root() -> None:
     assert [sensor.name for sensor in spec.sensors[-3:]] == [f"stub_{scalar}" for scalar in JOINT_SCALARS]
 
 
+def test_an_unlimited_slide_is_in_metres_throughout() -> None:
+    joint = Joint("rail", "slide", False, 0.0, 0.0)
+    spec = tokens(make((Limb("base", None, (), ("base",)), Limb("cart", "base", (joint,), ("cart",)))))
+    assert [sensor.unit for sensor in spec.sensors[-3:]] == ["m", "m", "m"]
+
+
 def test_control_bounds_are_kept() -> None:
     arm = replace(ARM, actuators=(Actuator("m", "free", "free_joint", -2.0, 3.5, "N*m"),))
     assert (tokens(arm).actuators[0].low, tokens(arm).actuators[0].high) == (-2.0, 3.5)
