@@ -1,0 +1,146 @@
+"""Prune and splice in an MJCF tree."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from morphkit.cutting.defaults import Defaults, inherited_class
+from morphkit.cutting.frames import Angles, Pose, identity, numbers, text, write_mjcf
+from morphkit.cutting.keyframes import Keyframes
+from morphkit.cutting.loss import Loss
+from morphkit.cutting.plan import Plan
+from morphkit.cutting.references import Removed, collect, prune_references
+from morphkit.cutting.tidy import detach, lift
+
+
+def body_elements(root: Any) -> list[Any]:
+    """All `<body>` elements in the order in which MuJoCo numbers them."""
+    return [body for world in root.iterfind("worldbody") for body in world.iter("body")]
+
+
+def body_parents(bodies: Mapping[str, Any]) -> dict[str, str | None]:
+    """Parent of every body in file order; None at the top."""
+    names = {id(element): name for name, element in bodies.items()}
+    return {
+        name: next((names.get(id(above)) for above in element.iterancestors("body")), None)
+        for name, element in bodies.items()
+    }
+
+
+def cut(root: Any, bodies: Mapping[str, Any], plan: Plan) -> list[Loss]:
+    """Edit the tree below the `<mujoco>` element in place.
+
+    Args:
+        root: The root element, includes flattened.
+        bodies: Element of each body, by name, in file order.
+        plan: What goes.
+
+    Returns:
+        What went beside the bodies themselves.
+    """
+    keyframes = Keyframes(root)
+    actuators = [item for section in root.iterfind("actuator") for item in section if isinstance(item.tag, str)]
+    removed: Removed = {}
+    lost: list[Loss] = []
+    for name, limb in plan.gone.items():
+        if limb != name:
+            lost.append(Loss("body", name, limb, f"fixed to {limb}"))
+        lost += collect(bodies[name], name, limb, removed)
+    _splice(root, [bodies[name] for name in plan.splice])
+    for name in plan.prune:
+        detach(bodies[name])
+    lost += prune_references(root, removed)
+    alive = {id(item) for section in root.iterfind("actuator") for item in section}
+    gone = [bodies[name] for name in plan.gone]
+    lost += keyframes.cut(gone, [item for item in actuators if id(item) not in alive])
+    return lost
+
+
+def _splice(root: Any, group: list[Any]) -> None:
+    """Take `group` out of the tree, bodies first that stand higher; what hangs on them moves up."""
+    angles = read_angles(root)
+    defaults = Defaults(root)
+    inside = {id(body) for body in group}
+    for top in group:
+        if any(id(ancestor) in inside for ancestor in top.iterancestors("body")):
+            continue
+        pose = angles.pose(top)
+        anchor = pose.apply(_anchor(top, defaults))
+        for child in _children(top, inside):
+            _move_up(child, top, angles, defaults, anchor)
+        detach(top)
+
+
+def _children(body: Any, inside: set[int]) -> list[Any]:
+    """The nearest bodies below `body` that are not `inside`."""
+    found = []
+    for child in body:
+        if child.tag == "body" and id(child) not in inside:
+            found.append(child)
+        elif child.tag in ("body", "frame"):
+            found += _children(child, inside)
+    return found
+
+
+def _move_up(child: Any, top: Any, angles: Angles, defaults: Defaults, anchor: np.ndarray) -> None:
+    """Put `child` in the place of `top`: turned as it is, its joint's anchor at `anchor` (in the frame around `top`)."""
+    between = identity()
+    for ancestor in child.iterancestors():
+        between = angles.pose(ancestor) @ between
+        if ancestor is top:
+            break
+    own_anchor = _anchor(child, defaults)
+    inherited = inherited_class(child)
+    pose = between @ angles.pose(child)
+    pose = Pose(anchor - pose.rotate(own_anchor), pose.rotation)
+    lift(child, top)
+    if child.get("childclass") is None and inherited is not None and inherited_class(child) != inherited:
+        child.set("childclass", inherited)
+    write_mjcf(child, pose, keep_orientation=not between.turned)
+
+
+def _anchor(body: Any, defaults: Defaults) -> np.ndarray:
+    """Where the first joint of `body` is anchored, in its frame; its origin where it has none."""
+    joint = body.find("joint")
+    return np.zeros(3) if joint is None else numbers(defaults.get(joint, "pos", "0 0 0"))
+
+
+def read_angles(root: Any) -> Angles:
+    """How the file writes angles; several `<compiler>` sections count as one."""
+    radian, sequence = False, "xyz"
+    for compiler in root.iterfind("compiler"):
+        radian = compiler.get("angle", "radian" if radian else "degree") == "radian"
+        sequence = compiler.get("eulerseq", sequence)
+    return Angles(radian, sequence)
+
+
+def set_height(root: Any, body: Any, height_m: float) -> None:
+    """Put the root `body` at `height_m` above the world's origin.
+
+    Its vertical slide reads the new height where its `ref` read the old one; the slides' `pos` keep their place in the
+    world, while hinges move with the body.
+    """
+    angles = read_angles(root)
+    defaults = Defaults(root)
+    around = identity()
+    for ancestor in body.iterancestors("frame"):
+        around = angles.pose(ancestor) @ around
+    local = angles.pose(body)
+    world = around @ local
+    shift = np.array([0.0, 0.0, height_m - world.position[2]])
+    position = local.position + around.unrotate(shift)
+    if not around.turned:
+        position[2] = height_m - around.position[2]
+    body.set("pos", text(position))
+    for joint in body.iterfind("joint"):
+        if defaults.get(joint, "type", "hinge") != "slide":
+            continue
+        if joint.get("pos") is not None:
+            joint.set("pos", text(numbers(joint.get("pos")) - world.unrotate(shift)))
+        axis = world.rotate(numbers(defaults.get(joint, "axis", "0 0 1")))
+        vertical = abs(axis[2]) > 0.999 * float(np.linalg.norm(axis))
+        if vertical and float(defaults.get(joint, "ref", "0")) != 0:
+            joint.set("ref", text(np.array([height_m])))

@@ -1,0 +1,153 @@
+"""An XML source that is edited as a tree and written back byte for byte where nothing was edited."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+from xml.parsers import expat
+from xml.sax.saxutils import escape
+
+from morphkit.io.xml import parse, serialize
+
+_ATTRIBUTE = re.compile(r"""(\s+)([^\s=<>"'/]+)(\s*=\s*)("[^"]*"|'[^']*')""")
+_ASCII_BASED = {"utf-8", "us-ascii", "ascii", "iso-8859-1", "latin-1"}
+
+
+class Source:
+    """A parsed file that remembers where each element stood.
+
+    lxml would rewrite quotes and the line breaks between attributes all over the file; `render` takes the original
+    bytes wherever an element is as it was, and edits only the attributes that changed.
+
+    Attributes:
+        root: The root element; edit the tree below it freely.
+    """
+
+    def __init__(self, source: bytes, *, file: str) -> None:
+        self._source = source
+        self._tree = parse(source, file=file)
+        self.root: Any = self._tree.getroot()
+        self._encoding = (self._tree.docinfo.encoding or "utf-8").lower()
+        self._nodes = list(self.root.iter())  # keeps the proxies alive, so that id() identifies an element
+        self._before = {id(node): _state(node) for node in self._nodes}
+        self._spans: dict[int, tuple[int, int, int, int]] = {}
+        if self._encoding in _ASCII_BASED:
+            elements = [node for node in self._nodes if isinstance(node.tag, str)]
+            spans = _spans(source)
+            if len(spans) == len(elements):
+                self._spans = {id(element): span for element, span in zip(elements, spans, strict=True)}
+
+    def render(self) -> bytes:
+        """The file's bytes after the edits."""
+        if not self._spans:
+            return serialize(self._tree)
+        span = self._spans[id(self.root)]
+        return self._source[: span[0]] + self._render(self.root) + self._source[span[3] :]
+
+    def _render(self, node: Any) -> bytes:
+        if not isinstance(node.tag, str):
+            return self._bytes(_markup(node))
+        span = self._spans.get(id(node))
+        if span is not None and self._unchanged(node):
+            return self._source[span[0] : span[3]]
+        name = node.tag if node.prefix is None else f"{node.prefix}:{node.tag.rpartition('}')[2]}"
+        content = self._text(node.text) + b"".join(self._render(child) + self._text(child.tail) for child in node)
+        if span is None:
+            start = self._bytes(f"<{name}" + "".join(f" {key}={_quote(value)}" for key, value in node.attrib.items()))
+        else:
+            start = self._source[span[0] : span[1]].rstrip(b"/> \t\r\n")
+            if self._before[id(node)][0] != tuple(node.attrib.items()):
+                before = dict(self._before[id(node)][0])
+                start = _edit_attributes(start.decode(self._encoding), before, dict(node.attrib)).encode(self._encoding)
+            elif content or self._source[span[1] - 2 : span[1]] != b"/>":
+                start = self._source[span[0] : span[1]].removesuffix(b"/>").removesuffix(b">")
+        if not content and (span is None or self._source[span[1] - 2 : span[1]] == b"/>"):
+            return start + b"/>"
+        return start + b">" + content + self._bytes(f"</{name}>")
+
+    def _unchanged(self, node: Any) -> bool:
+        if self._before.get(id(node)) != _state(node):
+            return False
+        return all(self._unchanged(child) for child in node)
+
+    def _bytes(self, text: str) -> bytes:
+        if b"\r\n" in self._source:
+            text = text.replace("\n", "\r\n")
+        return text.encode(self._encoding, "xmlcharrefreplace")
+
+    def _text(self, text: str | None) -> bytes:
+        return self._bytes(escape(text)) if text else b""
+
+
+def _state(node: Any) -> tuple[Any, ...]:
+    """What tells whether a node was edited; its tail belongs to the parent."""
+    children = tuple((id(child), child.tail) for child in node)
+    return (tuple(node.attrib.items()) if isinstance(node.tag, str) else (), node.text, children)
+
+
+def _markup(node: Any) -> str:
+    from lxml import etree
+
+    return str(etree.tostring(node, encoding="unicode", with_tail=False))
+
+
+def _quote(value: str) -> str:
+    return '"' + escape(value, {'"': "&quot;", "\n": "&#10;", "\t": "&#9;"}) + '"'
+
+
+def _edit_attributes(start: str, before: dict[str, str], wanted: dict[str, str]) -> str:
+    """The start tag `start` (without its closing bracket) with `wanted`; what is as `before` is left as written."""
+    left = dict(wanted)
+
+    def replace(match: re.Match[str]) -> str:
+        space, name, equals, _ = match.groups()
+        if name == "xmlns" or ":" in name:
+            left.pop(next((key for key in left if key.endswith("}" + name.partition(":")[2])), name), None)
+            return match.group()
+        if name not in left:
+            return ""
+        value = left.pop(name)
+        return match.group() if value == before.get(name) else f"{space}{name}{equals}{_quote(value)}"
+
+    edited = _ATTRIBUTE.sub(replace, start)
+    return edited + "".join(f" {name}={_quote(value)}" for name, value in left.items())
+
+
+def _spans(source: bytes) -> list[tuple[int, int, int, int]]:
+    """Byte offsets of each element in document order: start tag from, to; end tag from, to."""
+    parser = expat.ParserCreate()
+    spans: list[tuple[int, int, int, int]] = []
+    stack: list[int] = []
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        begin = parser.CurrentByteIndex
+        end = _tag_end(source, begin)
+        stack.append(len(spans))
+        spans.append((begin, end, end, end))
+
+    def end(name: str) -> None:
+        index = stack.pop()
+        begin, tag_end, _, _ = spans[index]
+        if source[tag_end - 2 : tag_end] != b"/>":
+            close = parser.CurrentByteIndex
+            spans[index] = (begin, tag_end, close, source.index(b">", close) + 1)
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.Parse(source, True)
+    return spans
+
+
+def _tag_end(source: bytes, begin: int) -> int:
+    """Offset after the `>` that closes the start tag at `begin`; a `>` inside quotes closes nothing."""
+    quote = 0
+    for offset in range(begin, len(source)):
+        byte = source[offset]
+        if quote:
+            if byte == quote:
+                quote = 0
+        elif byte in (0x22, 0x27):
+            quote = byte
+        elif byte == 0x3E:
+            return offset + 1
+    raise ValueError("a start tag without its end")  # the parser has accepted the file, so this cannot be

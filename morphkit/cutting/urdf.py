@@ -1,0 +1,86 @@
+"""Prune and splice in a URDF tree."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from morphkit.cutting.frames import Pose, identity, urdf_pose, write_urdf
+from morphkit.cutting.loss import Loss
+from morphkit.cutting.plan import Plan
+from morphkit.cutting.tidy import detach
+from morphkit.cutting.urdf_references import Removed, prune_references
+
+
+def link_parents(root: Any) -> dict[str, str | None]:
+    """Parent of every link in depth-first file order; None at the top."""
+    children: dict[str, list[str]] = {}
+    below: set[str] = set()
+    for joint in root.iterfind("joint"):
+        parent, child = ends(joint)
+        children.setdefault(parent, []).append(child)
+        below.add(child)
+    parents: dict[str, str | None] = {}
+    pending: list[tuple[str, str | None]] = [
+        (link.get("name", ""), None) for link in root.iterfind("link") if link.get("name") not in below
+    ][::-1]
+    while pending:
+        name, parent_name = pending.pop()
+        parents[name] = parent_name
+        pending += [(child, name) for child in reversed(children.get(name, []))]
+    return parents
+
+
+def ends(joint: Any) -> tuple[str, str]:
+    """Names of the links that a joint joins: parent, child."""
+    return joint.find("parent").get("link", ""), joint.find("child").get("link", "")
+
+
+def cut(root: Any, plan: Plan) -> list[Loss]:
+    """Edit the tree below the `<robot>` element in place; return what went beside the links themselves."""
+    removed: Removed = {}
+    lost: list[Loss] = []
+    joint_of = {ends(joint)[1]: joint for joint in root.iterfind("joint")}
+    for link, limb in plan.gone.items():
+        removed[("link", link)] = limb
+        if limb != link:
+            lost.append(Loss("link", link, limb, f"fixed to {limb}"))
+        joint = joint_of[link]
+        name = joint.get("name", "")
+        removed[("joint", name)] = limb
+        if joint.get("type") != "fixed":
+            lost.append(Loss("joint", name, limb, f"part of {limb}"))
+    moved = list(_splice(root, plan, joint_of))
+    for element in [*root.iterfind("link"), *root.iterfind("joint")]:
+        kind = str(element.tag)
+        if (kind, element.get("name", "")) in removed and not any(element is joint for joint in moved):
+            detach(element)
+    lost += prune_references(root, removed)
+    return lost
+
+
+def _splice(root: Any, plan: Plan, joint_of: dict[str, Any]) -> Iterator[Any]:
+    """Hang what hung on spliced links on the link above them; yield the joints that moved."""
+    splice = set(plan.splice)
+    for joint in root.iterfind("joint"):
+        parent, child = ends(joint)
+        if parent not in splice or child in plan.gone:
+            continue
+        between = identity()
+        top = joint
+        link = parent
+        while link in splice:
+            top = joint_of[link]
+            between = urdf_pose(top.find("origin")) @ between
+            link = ends(top)[0]
+        own = urdf_pose(joint.find("origin"))
+        anchor = urdf_pose(top.find("origin")).position
+        pose = Pose(anchor, (between @ own).rotation)
+        origin = joint.find("origin")
+        if origin is None:
+            origin = joint.makeelement("origin")
+            origin.tail = joint.text
+            joint.insert(0, origin)
+        write_urdf(origin, pose, keep_orientation=not between.turned)
+        joint.find("parent").set("link", link)
+        yield joint
