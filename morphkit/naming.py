@@ -29,20 +29,16 @@ def canonical_limb_names(morphology: Morphology, given: Mapping[str, str]) -> di
     Returns:
         Raw limb name -> plain words in limb order, unique within the robot.
     """
-    prefix = _shared_prefix(morphology)
-    used = {limb.name for limb in morphology.limbs}
-    rows = [raw for raw in given if raw in used]
+    limbs = [limb.name for limb in morphology.limbs]
+    rows = [raw for raw in given if raw in limbs]
     names = dict(zip(rows, unique((given[raw] for raw in rows), " "), strict=True))
-    taken = [*names.values(), *given.values()]
-    for limb in morphology.limbs:
-        if limb.name not in names:
-            words = vocabulary.split(limb.name)
-            short = words[len(prefix) :] if words[: len(prefix)] == prefix and len(words) > len(prefix) else words
-            candidates = (vocabulary.plain(short), vocabulary.plain(words), " ".join(words))
-            name = next((name for name in candidates if fold(name) not in map(fold, taken)), candidates[0])
-            names[limb.name] = unique([name], " ", taken)[0]
-            taken.append(names[limb.name])
-    return {limb.name: names[limb.name] for limb in morphology.limbs}
+    taken = {*names.values(), *given.values()}
+    prefix = _shared_prefix(morphology)
+    for raw in limbs:
+        if raw not in names:
+            names[raw] = _plain_name(raw, prefix, taken)
+            taken.add(names[raw])
+    return {raw: names[raw] for raw in limbs}
 
 
 def canonical_joint_names(limb: Limb, limb_name: str) -> dict[str, str]:
@@ -112,6 +108,16 @@ def unique(names: Iterable[str], separator: str = "_", taken: Iterable[str] = ()
         seen.add(fold(candidate))
         result.append(candidate)
     return result
+
+
+def _plain_name(raw: str, prefix: Sequence[str], taken: Iterable[str]) -> str:
+    """The first free name in plain words: without the prefix, with it, without synonyms, numbered."""
+    words = vocabulary.split(raw)
+    short = words[len(prefix) :] if words[: len(prefix)] == prefix and len(words) > len(prefix) else words
+    candidates = (vocabulary.plain(short), vocabulary.plain(words), " ".join(words))
+    folded = {fold(name) for name in taken}
+    free = next((name for name in candidates if fold(name) not in folded), candidates[0])
+    return unique([free], " ", taken)[0]
 
 
 def _shared_prefix(morphology: Morphology) -> list[str]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from morphkit.description import Description, RobotInfo
-from morphkit.errors import DescriptionError, UnknownNameError
+from morphkit.errors import DescriptionError, MorphkitError, UnknownNameError
 from morphkit.naming import did_you_mean
 from morphkit.robot_info import FILE_NAME, Recipe, RobotToml, read_robot_toml
 
@@ -61,15 +61,14 @@ def load_all(target: str | Path, *, root: str | None = None) -> list[Description
         if str(target) in toml.recipes:
             return [_cut(_full(toml, root), str(target), toml.recipes[str(target)])]
     path = Path(target)
-    if path.is_dir():
-        return _load_folder(path, root)
-    if path.name == MANIFEST and path.is_file():
-        return _load_family(path, root)
-    if path.name == FILE_NAME and path.is_file():
-        return _load_folder(path.parent, root)
-    if not path.exists():
-        raise _unknown(path, tomls)
-    return [_load_file(path, root)]
+    try:
+        if not path.exists():
+            raise _unknown(path, tomls)
+        return _load_path(path, root)
+    except OSError as error:
+        if isinstance(error, MorphkitError):
+            raise
+        raise DescriptionError(f"{error.filename or target}: cannot be read: {error.strerror}") from error
 
 
 def shipped() -> list[Description]:
@@ -119,6 +118,16 @@ def _cut(full: Description, name: str, recipe: Recipe) -> Description:
         expert_return=recipe.expert_return,
     )
     return replace(variant, name=name, file=name + Path(full.file).suffix, info=info)
+
+
+def _load_path(path: Path, root: str | None) -> list[Description]:
+    if path.is_dir():
+        return _load_folder(path, root)
+    if path.name == MANIFEST:
+        return _load_family(path, root)
+    if path.name == FILE_NAME:
+        return _load_folder(path.parent, root)
+    return [_load_file(path, root)]
 
 
 def _load_folder(folder: Path, root: str | None) -> list[Description]:
@@ -175,10 +184,7 @@ def _describe(path: Path, name: str, info: RobotInfo, root: str | None) -> Descr
 
     if not path.is_file():
         raise DescriptionError(f"{path}: is no regular file")
-    try:
-        source = path.read_bytes()
-    except OSError as error:
-        raise DescriptionError(f"{path}: cannot be read: {error.strerror}") from error
+    source = path.read_bytes()
     form = xml.root_format(xml.parse(source, file=str(path)), file=str(path))
     return Description(name, path.name, form, source, path.parent, info, root)
 

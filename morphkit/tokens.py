@@ -6,11 +6,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from morphkit import tokens_io
+from morphkit.errors import ConfigError
 from morphkit.morphology import Base, Format, Morphology
 from morphkit.naming import unique
 from morphkit.token_names import (
@@ -178,7 +179,17 @@ def tokens(
 
     Returns:
         The tokens; names and texts are unique even for an uncased encoder: what reads like an earlier one is numbered.
+
+    Raises:
+        ConfigError: An option has none of its values.
     """
+    for option, value, choices in (
+        ("naming", naming, get_args(Naming)),
+        ("limb_names", limb_names, ("body", "joint")),
+        ("text_style", text_style, ("words", "raw")),
+    ):
+        if value not in choices:
+            raise ConfigError(f"{option} is {value!r}, expected one of {', '.join(choices)}")
     labels = limb_labels(morphology, naming, limb_names, canonical or {})
     joints = {limb.name: joint_labels(limb, naming, labels[limb.name]) for limb in morphology.limbs}
     scalars = [scalar for limb in morphology.limbs for scalar in limb_scalars(limb, joints[limb.name])]

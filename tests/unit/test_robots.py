@@ -164,6 +164,16 @@ def test_files_that_are_no_robots_are_refused(tmp_path: Path, source: bytes, mes
         robots.load(tmp_path / "bad.xml")
 
 
+def test_a_path_that_the_system_refuses_is_an_error_of_ours() -> None:
+    with pytest.raises(DescriptionError, match="cannot be read: File name too long"):
+        robots.load("<mujoco>" * 200)
+
+
+def test_what_is_no_regular_file_is_refused() -> None:
+    with pytest.raises(DescriptionError, match="/dev/null: is no regular file"):
+        robots.load("/dev/null")
+
+
 def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match=r"holds no robot\.toml, no manifest\.json and no \.urdf or \.xml"):
         robots.load_all(tmp_path)

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from morphkit.errors import DescriptionError
+from morphkit.errors import ConfigError, DescriptionError
 from morphkit.morphology import Actuator, Joint, JointKind, Limb, Morphology
 from morphkit.naming import fold
 from morphkit.tokens import TokenSpec, tokens
@@ -227,6 +227,12 @@ def test_csv_has_a_row_a_token() -> None:
 def test_a_limb_without_joints_has_one_angle_like_the_root() -> None:
     spec = tokens(make((Limb("base", None, (), ("base",)), Limb("stub", "base", (), ("stub",)))))
     assert [sensor.name for sensor in spec.sensors[-3:]] == [f"stub_{scalar}" for scalar in JOINT_SCALARS]
+
+
+@pytest.mark.parametrize("option", ["naming", "limb_names", "text_style"])
+def test_an_option_with_another_value_is_refused(option: str) -> None:
+    with pytest.raises(ConfigError, match=f"{option} is 'both', expected one of"):
+        tokens(ARM, **{option: "both"})  # type: ignore[arg-type]
 
 
 def test_an_unlimited_slide_is_in_metres_throughout() -> None:
