@@ -50,9 +50,9 @@ def add_floor(spec: mujoco.MjSpec, *, solid: bool) -> bool:
 def settle_urdf(spec: mujoco.MjSpec) -> None:
     """Fill in what URDF has no words for.
 
-    Time step 4 ms with the implicitfast integrator; armature 0.01 kg*m^2 (kg) on every joint, and damping 0.1 N*m*s/rad
-    (N*s/m) where the file gives none. The robot's geoms collide with the floor but not with each other: a URDF does not say
-    which links may touch, and neighbours often overlap.
+    Time step 4 ms with the implicitfast integrator; armature 0.01 kg*m^2 (kg) on every joint, and damping
+    0.1 N*m*s/rad (N*s/m) where the file gives none. The robot's geoms collide with the floor but not with each other: a
+    URDF does not say which links may touch, and neighbours often overlap.
     """
     spec.option.timestep = URDF_TIMESTEP_S
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -65,12 +65,14 @@ def settle_urdf(spec: mujoco.MjSpec) -> None:
 
 
 def add_base_joints(spec: mujoco.MjSpec, root: Any, base: Base) -> None:
-    """Attach the root to the world by a free joint, or by slides along world x and z and a hinge about world y."""
+    """Attach the root to the world by a free joint, or by slides along world x and z and a hinge about world y.
+
+    The z slide reads the height of the root's frame, m.
+    """
     if base == "free":
         root.add_freejoint(name="root_free")
         return
-    spec_copy = spec.copy()
-    model = spec_copy.compile()
+    model = spec.copy().compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     world_to_root = data.body(root.name).xmat.reshape(3, 3).T
@@ -84,6 +86,7 @@ def add_base_joints(spec: mujoco.MjSpec, root: Any, base: Base) -> None:
             damping=[0, 0, 0],
             stiffness=[0, 0, 0],
             frictionloss=0,
+            ref=root.pos[2] if name == "root_z" else 0,
         )
 
 
@@ -100,8 +103,8 @@ def lowest_point(model: mujoco.MjModel, root: int) -> float:
     return min((_lowest_of(model, data, geom) for geom in geoms), default=float(data.xpos[root, 2]))
 
 
-def _lowest_of(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:
-    """Lowest height of one geom from its size or vertices; from its bounding sphere where the type is not known here."""
+def _lowest_of(model: mujoco.MjModel, data: mujoco.MjData, geom: np.integer) -> float:
+    """Lowest height of one geom, m; that of its bounding sphere where the type is not known here."""
     types, size = mujoco.mjtGeom, model.geom_size[geom]
     height, down = float(data.geom_xpos[geom, 2]), data.geom_xmat[geom].reshape(3, 3)[2]
     kind = model.geom_type[geom]

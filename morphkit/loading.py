@@ -17,8 +17,8 @@ MUJOCO_MESHES = {".stl", ".obj", ".msh"}
 def load_spec(description: Description) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
     """Parse a description into an MjSpec that compiles without touching the file system again.
 
-    A URDF goes through MuJoCo's importer with `fusestatic="false" discardvisual="false"`, so that fixed links and visuals
-    survive. A mesh that only decorates (no contact, no part in masses) is dropped where it cannot be found.
+    A URDF goes through MuJoCo's importer with `fusestatic="false" discardvisual="false"`, so that fixed links and
+    visuals survive. A mesh that only decorates (no contact, no part in masses) is dropped where it cannot be found.
 
     Returns:
         The spec and one sentence for each thing that was dropped.
@@ -30,7 +30,7 @@ def load_spec(description: Description) -> tuple[mujoco.MjSpec, tuple[str, ...]]
     tree = xml.parse(description.source, file=description.file)
     references: dict[str, str] = {}
     if description.format == "urdf":
-        references = _prepare_urdf(tree)
+        references = _prepare_urdf(tree.getroot())
     elif description.folder is not None:
         resolve.flatten_includes(tree, description.folder)
     try:
@@ -50,12 +50,12 @@ def compile_spec(spec: mujoco.MjSpec, file: str) -> mujoco.MjModel:
         raise DescriptionError(f"{file}: MuJoCo cannot compile it: {error}") from error
 
 
-def _prepare_urdf(tree: Any) -> dict[str, str]:
-    """Insert the importer's options; give every mesh reference a short unique file name and return name -> reference."""
-    mujoco_element = tree.find("mujoco")
+def _prepare_urdf(robot: Any) -> dict[str, str]:
+    """Insert the importer's options; give every mesh a short unique file name, and return name -> reference."""
+    mujoco_element = robot.find("mujoco")
     if mujoco_element is None:
-        mujoco_element = tree.makeelement("mujoco", {})
-        tree.append(mujoco_element)
+        mujoco_element = robot.makeelement("mujoco", {})
+        robot.append(mujoco_element)
     compiler = mujoco_element.find("compiler")
     if compiler is None:
         compiler = mujoco_element.makeelement("compiler", {})
@@ -64,7 +64,7 @@ def _prepare_urdf(tree: Any) -> dict[str, str]:
     for key, value in {"fusestatic": "false", "discardvisual": "false", "strippath": "false"}.items():
         compiler.set(key, value)
     names: dict[str, str] = {}
-    for mesh in tree.iter("mesh"):
+    for mesh in robot.iter("mesh"):
         reference = mesh.get("filename", "")
         mesh.set("filename", names.setdefault(reference, f"{len(names)}_{Path(reference).name}"))
     return {name: reference for reference, name in names.items()}

@@ -74,8 +74,8 @@ def compile_plain(description: Description) -> mujoco.MjModel:
 def build(description: Description, *, base: Base | None = None) -> Simulation:
     """Compile a description together with what it lacks to be simulated.
 
-    Added where missing: a floor (`morphkit_floor`), base joints, motors within the effort limits (URDF); always, and last:
-    the sensors of the limbs. A root that gets base joints is raised so that the robot starts 1 cm above the floor.
+    Added where missing: a floor (`morphkit_floor`), base joints, motors within the effort limits (URDF); always, and
+    last: the sensors of the limbs. A root that gets base joints is raised until the robot starts 1 cm above the floor.
 
     Args:
         description: The robot.
@@ -92,8 +92,8 @@ def build(description: Description, *, base: Base | None = None) -> Simulation:
     own_base = _base_of(root)
     if own_base is not None and base is not None and base != own_base:
         raise ConfigError(
-            f"{description.file}: base {base!r} was asked for, but root {root.name!r} has joints of its own that make it "
-            f"{own_base}; leave the base out"
+            f"{description.file}: base {base!r} was asked for, but joints of {root.name!r} make it {own_base}; "
+            "leave the base out"
         )
     morphology = replace(morphology, base=own_base or base or morphology.base)
     limbs = _name_limbs(root, morphology)

@@ -60,9 +60,9 @@ class Step:
 class BatchEnv:
     """Environments of several robots with different numbers of tokens and actuators.
 
-    A step is one `mujoco.rollout` call a robot for the physics, one for the sensors, and one numpy pass over all robots for
-    observations, rewards and endings. Robots share nothing: each draws its resets from a generator of its own, seeded by
-    `seed` and its name, so what happens to it depends neither on the others nor on the number of threads.
+    A step is one `mujoco.rollout` call a robot for the physics, one for the sensors, and one numpy pass over all robots
+    for observations, rewards and endings. Robots share nothing: each draws its resets from a generator of its own,
+    seeded by `seed` and its name, so what happens to it depends neither on the others nor on the number of threads.
 
     Args:
         simulations: The robots.
@@ -71,6 +71,7 @@ class BatchEnv:
         observation: `fixed`, or `legacy` with the published code's defects.
         seed: Seeds the start states.
         num_threads: Threads that step; None: one a usable processor core.
+        autoreset: Whether a new episode starts in the step that ends one. Without, environments stay where they ended.
 
     Attributes:
         specs: TokenSpec of each robot.
@@ -89,7 +90,9 @@ class BatchEnv:
         observation: Observation = "fixed",
         seed: int = 0,
         num_threads: int | None = None,
+        autoreset: bool = True,
     ) -> None:
+        self.autoreset = autoreset
         self.num_envs = [num_envs] * len(simulations) if isinstance(num_envs, int) else list(num_envs)
         self.simulations, self.tasks = list(simulations), list(tasks)
         _check(self.simulations, self.tasks, self.num_envs, observation)
@@ -122,7 +125,6 @@ class BatchEnv:
         self._length = np.zeros(sum(self.num_envs), np.int64)
         self._max_length = np.repeat([task.episode_length for task in tasks], self.num_envs)
         self.seed(seed)
-        self._fresh = False
 
     @property
     def num_robots(self) -> int:
@@ -153,7 +155,6 @@ class BatchEnv:
         """Observations of the current states, one float32 (n, tokens) a robot."""
         for robot in self._robots:
             robot.sense(self._pool)
-        self._fresh = True
         return self._split_obs(self._observe_all(self._state))
 
     def step(self, actions: Sequence[np.ndarray]) -> Step:
@@ -181,7 +182,8 @@ class BatchEnv:
         self._length += 1
         truncated = (self._length >= self._max_length) & ~terminated
         done = terminated | truncated
-        obs, episodes = (self._restart(done)) if done.any() else (final, [])
+        episodes = self._end(done)
+        obs = self._restart(done) if episodes and self.autoreset else final
         final_obs = self._split_obs(final)
         return Step(
             obs=final_obs if obs is final else self._split_obs(obs),
@@ -276,21 +278,24 @@ class BatchEnv:
             parts.append(bad)
         return np.concatenate(parts)
 
-    def _restart(self, done: np.ndarray) -> tuple[np.ndarray, list[Episode]]:
-        """Start new episodes where `done`; the observations with theirs in place, and the finished episodes."""
+    def _end(self, done: np.ndarray) -> list[Episode]:
+        """The episodes that ended; their counters start anew."""
         episodes = []
-        first = 0
+        for at in np.flatnonzero(done):
+            robot = int(np.searchsorted(self._env_split, at, side="right"))
+            env = int(at - (self._env_split[robot - 1] if robot else 0))
+            episodes.append(Episode(robot, env, float(self._return[at]), int(self._length[at])))
+        self._return[done] = self._length[done] = 0
+        return episodes
+
+    def _restart(self, done: np.ndarray) -> np.ndarray:
+        """Draw new start states where `done`; flat observations with theirs in place."""
         for i, (robot, ended) in enumerate(zip(self._robots, np.split(done, self._env_split), strict=True)):
             which = np.flatnonzero(ended)
             if len(which):
                 robot.state[which] = robot.draw_start(self._rngs[i], self.tasks[i], len(which))
                 robot.sense(self._pool, which)
-                for env in which:
-                    at = first + env
-                    episodes.append(Episode(i, int(env), float(self._return[at]), int(self._length[at])))
-            first += len(ended)
-        self._return[done] = self._length[done] = 0
-        return self._observe_all(self._state), episodes
+        return self._observe_all(self._state)
 
     def _split_obs(self, flat: np.ndarray) -> list[np.ndarray]:
         return [part.reshape(n, -1) for part, n in zip(np.split(flat, self._obs_split), self.num_envs, strict=True)]

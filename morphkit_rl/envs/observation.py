@@ -11,7 +11,7 @@ import numpy as np
 from morphkit.completion import NUMBERS_PER_LIMB
 from morphkit.naming import limb_type
 from morphkit.simulation import Simulation
-from morphkit.tokens import VELOCITY_LIMIT
+from morphkit.token_names import VELOCITY_LIMIT
 
 Observation = Literal["fixed", "legacy"]
 
@@ -33,8 +33,8 @@ class ObservationPass:
         state_offset: Where in the flat state vector each robot's first environment starts.
         state_size: Length of one environment's state: time, qpos, qvel and what else the simulator keeps.
         observation: `fixed`, or `legacy`: two defects of the published code. There, limbs other than the root report
-            absolute world x, and the root's z velocity gains (world rotational velocity about y) * (world x), before the
-            clip; limb types are matched against body names whatever the family says.
+            absolute world x, and the root's z velocity gains (world rotational velocity about y) * (world x), before
+            the clip; limb types are matched against body names whatever the family says.
     """
 
     def __init__(
@@ -74,10 +74,9 @@ class ObservationPass:
         next_angle, constants, gather = first_angle, [np.zeros(0)], []
         next_constant = first_angle + len(self._angle_state)
         for robot, simulation in enumerate(simulations):
-            start, stride, values = _token_sources(simulation, legacy=self.legacy)
-            kind = np.sign(stride)  # 1: feature, 0: constant, -1: angle
-            origin = np.array([next_constant, int(self.first_row[robot]) * _FEATURES, next_angle])[kind]
-            step = np.array([0, limbs[robot] * _FEATURES, joints[robot]])[kind]
+            start, section, values = _token_sources(simulation, legacy=self.legacy)
+            origin = np.array([next_constant, int(self.first_row[robot]) * _FEATURES, next_angle])[section]
+            step = np.array([0, limbs[robot] * _FEATURES, joints[robot]])[section]
             gather.append((origin + start + np.arange(num_envs[robot])[:, None] * step).ravel())
             constants.append(values)
             next_constant += len(values)
@@ -172,14 +171,16 @@ def _token_sources(simulation: Simulation, *, legacy: bool) -> tuple[np.ndarray,
     """Where each token of a robot comes from.
 
     Returns:
-        Index within its section of the source buffer, int (tokens,); the section, int (tokens,): 1 features of environment
-        0, -1 angles of environment 0, 0 constants; and the constants.
+        Index within its section of the source buffer, int (tokens,); the section, int (tokens,): 1 features of
+        environment 0, -1 angles of environment 0, 0 constants; and the constants.
     """
     spec = simulation.tokens
     types = _limb_types(simulation, legacy=legacy)
     first_joint = np.cumsum([0, *(len(joints) for joints in simulation.limb_joints)])
     seen = {"angle": [0] * len(types), "joint_range_low": [0] * len(types), "joint_range_high": [0] * len(types)}
-    start, section, constants = [], [], []
+    start: list[int] = []
+    section: list[int] = []
+    constants: list[float] = []
     for token, limb in zip(spec.sensors, spec.token_limb, strict=True):
         if token.quantity in _FIRST_FEATURE:
             start.append(limb * _FEATURES + _FIRST_FEATURE[token.quantity] + "xyz".index(token.component or ""))

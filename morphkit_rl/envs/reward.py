@@ -106,7 +106,12 @@ class RewardPass:
         first_row: np.ndarray,
         sensors: np.ndarray,
     ) -> None:
-        envs, rows, roots, points, scales, first = [], [], [], [], [], 0
+        envs: list[int] = []
+        rows: list[int] = []
+        roots: list[int] = []
+        points: list[np.ndarray] = []
+        scales: list[float] = []
+        first = 0
         for robot, (simulation, task, n) in enumerate(zip(simulations, tasks, num_envs, strict=True)):
             if task.tip_height_weight:
                 limb, point, reach = _tip(simulation)
@@ -169,7 +174,7 @@ def tilt(quaternion: np.ndarray, upright: np.ndarray) -> np.ndarray:
 
 
 def _base_addresses(simulation: Simulation) -> tuple[int, int, int]:
-    """Index in one environment's state of forward position, height, and pitch or first quaternion number; 0 if fixed."""
+    """Index in one environment's state of x, height, and pitch or first quaternion number; 0 on a fixed base."""
     address = [1 + int(simulation.model.jnt_qposadr[joint]) for joint in simulation.base_joints]
     if simulation.base == "free":
         return address[0], address[0] + 2, address[0] + 3

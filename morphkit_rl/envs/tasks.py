@@ -31,15 +31,15 @@ class Task:
         control_cost: Weight of |a|^2.
         control_as_share: Whether |a|^2 takes each control as a share of its bound (largest of |low|, |high|), so that
             a 30 N*m motor costs no more than a normalised one; otherwise in its own unit.
-        tip_height_weight: Weight of the height of the tip above the root's frame, as a share of its reach. The tip is the
-            far end of the last limb of the deepest chain, taken twice as far from the limb's frame as its centre of mass.
+        tip_height_weight: Weight of the height of the tip above the root's frame, as a share of its reach. The tip is
+            the far end of the last limb of the deepest chain, twice as far from its frame as its centre of mass.
         healthy_height: Open interval of the root's height, m, outside which the episode ends; None: no bounds. Measured
-            at the z slide's coordinate (planar) or the free joint's z; at the root's frame above the world's origin where
-            `height_in_world`.
+            at the z slide's coordinate (planar) or the free joint's z; at the root's frame above the world's origin
+            where `height_in_world`.
         healthy_share: The same as shares of the start height; `task_for` turns it into `healthy_height`.
         height_in_world: See `healthy_height`.
-        healthy_pitch: The episode ends when |pitch| of a planar base, or the tilt of a free one, reaches this, rad. Tilt
-            is the angle between world z and the root's axis that pointed along world z at the start.
+        healthy_pitch: The episode ends when |pitch| of a planar base, or the tilt of a free one, reaches this, rad.
+            Tilt is the angle between world z and the root's axis that pointed along world z at the start.
         healthy_state: The episode ends when any |coordinate| or |velocity| but the first two coordinates reaches this.
         qpos_noise: Start coordinates are uniform within +- this around the model's start, m or rad.
         qvel_noise: Scale of the start velocities, m/s or rad/s.
@@ -100,8 +100,8 @@ TASKS: dict[str, Task] = {
         ),
     )
 }
-"""The four benchmark rewards; `locomotion`, forward motion for any robot on a planar or free base; `raise` for a robot on
-a fixed base."""
+"""The four benchmark rewards; `locomotion`, forward motion of any robot on a planar or free base; `raise`, for a robot
+on a fixed base."""
 
 
 def task_for(simulation: Simulation, name: str | None = None) -> Task:
@@ -126,8 +126,8 @@ def task_for(simulation: Simulation, name: str | None = None) -> Task:
     task = TASKS[name]
     if simulation.base == "fixed" and task.forward_weight:
         raise ConfigError(
-            f"{simulation.name}: task {name!r} rewards moving forward, but the robot's base is fixed; take task 'raise', "
-            "or a planar or free base"
+            f"{simulation.name}: task {name!r} rewards moving forward, but the base is fixed; take task 'raise', or "
+            "a planar or free base"
         )
     timestep = float(simulation.model.opt.timestep)
     skip = task.frame_skip or max(1, round(task.control_period / timestep))

@@ -1,0 +1,36 @@
+"""Gymnasium ids of the shipped robots: `morphkit/<robot>-v0`, recipes included."""
+
+from __future__ import annotations
+
+import importlib.resources
+import tomllib
+from pathlib import Path
+
+import gymnasium
+
+NAMESPACE = "morphkit"
+
+
+def register_robots() -> tuple[str, ...]:
+    """Register every shipped robot and recipe that is not registered yet; nothing is loaded or compiled.
+
+    Returns:
+        All ids, sorted.
+    """
+    ids = {f"{NAMESPACE}/{name}-v0": name for name in _robot_names()}
+    for env_id, name in ids.items():
+        if env_id not in gymnasium.registry:
+            gymnasium.register(
+                env_id,
+                entry_point="morphkit_rl.envs.vector:MorphEnv",
+                vector_entry_point="morphkit_rl.envs.vector:MorphVectorEnv",
+                kwargs={"robot": name},
+            )
+    return tuple(sorted(ids))
+
+
+def _robot_names() -> list[str]:
+    names = []
+    for path in Path(str(importlib.resources.files("morphkit_robots"))).glob("*/robot.toml"):
+        names += [path.parent.name, *tomllib.loads(path.read_text()).get("recipes", {})]
+    return names
