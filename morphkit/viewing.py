@@ -1,0 +1,99 @@
+"""A robot for the eyes: its tree in the terminal, pictures and videos.
+
+The heavy parts (MuJoCo, OpenGL, matplotlib, imageio) are imported only when a picture is made.
+"""
+
+from __future__ import annotations
+
+import math
+
+from rich.text import Text
+from rich.tree import Tree
+
+from morphkit.morphology import Actuator, Joint, Limb, Morphology
+from morphkit.pictures import check_video_path, family_sheet, write_png, write_video
+from morphkit.rendering import render, render_frames, resample
+
+__all__ = [
+    "check_video_path",
+    "family_sheet",
+    "render",
+    "render_frames",
+    "resample",
+    "tree",
+    "write_png",
+    "write_video",
+]
+
+_NAME, _TYPE, _JOINT, _ACTUATOR, _QUIET = "bold cyan", "magenta", "green", "yellow", "dim"
+
+
+def tree(morphology: Morphology) -> Tree:
+    """The limbs of a robot as a tree for rich: types, joints with their ranges, actuators with theirs.
+
+    Angles are in degrees, lengths in metres. Actuators that drive no single limb stand at the end.
+    """
+    root = Tree(_title(morphology), guide_style=_QUIET)
+    branches: dict[str | None, Tree] = {None: root}
+    for limb in morphology.limbs:
+        branches[limb.name] = branches[limb.parent].add(_limb_text(limb, morphology))
+    loose = [actuator for actuator in morphology.actuators if actuator.limb is None]
+    if loose:
+        branch = root.add(Text("actuators that drive no single limb", style=_QUIET))
+        for actuator in loose:
+            branch.add(_actuator_text(actuator))
+    return root
+
+
+def _title(morphology: Morphology) -> Text:
+    facts = [
+        morphology.format.upper(),
+        f"{morphology.base} base",
+        _count(len(morphology.limbs), "limb"),
+        _count(len(morphology.joints), "joint"),
+        _count(len(morphology.actuators), "actuator"),
+    ]
+    return Text.assemble((morphology.name, "bold"), ("  " + " · ".join(facts), _QUIET))
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _limb_text(limb: Limb, morphology: Morphology) -> Text:
+    text = Text.assemble((limb.name, _NAME))
+    if limb.type is not None:
+        text.append(f"  {limb.type}", style=_TYPE)
+    own = [actuator for actuator in morphology.actuators if actuator.limb == limb.name]
+    for joint in limb.joints:
+        text.append("\n")
+        text.append_text(_joint_text(joint))
+        for actuator in own:
+            if actuator.joint == joint.name:
+                text.append("  ")
+                text.append_text(_actuator_text(actuator))
+    for actuator in own:
+        if actuator.joint not in {joint.name for joint in limb.joints}:
+            text.append("\n")
+            text.append_text(_actuator_text(actuator))
+    fixed = [member for member in limb.members if member != limb.name]
+    if fixed:
+        text.append(f"\nfixed to it: {', '.join(fixed)}", style=_QUIET)
+    return text
+
+
+def _joint_text(joint: Joint) -> Text:
+    if not joint.limited:
+        extent = "unlimited"
+    elif joint.kind == "slide":
+        extent = f"{joint.low:.4g} to {joint.high:.4g} m"
+    else:
+        extent = f"{math.degrees(joint.low):.1f} to {math.degrees(joint.high):.1f}°"
+    return Text.assemble((f"{joint.kind} ", _QUIET), (joint.name, _JOINT), f" {extent}")
+
+
+def _actuator_text(actuator: Actuator) -> Text:
+    unit = "" if actuator.unit == "1" else f" {actuator.unit}"
+    bounded = math.isfinite(actuator.low) and math.isfinite(actuator.high)
+    extent = f"{actuator.low:.4g} to {actuator.high:.4g}{unit}" if bounded else f"unbounded{unit}"
+    return Text.assemble(("actuator ", _QUIET), (actuator.name, _ACTUATOR), f" {extent}")
