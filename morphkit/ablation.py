@@ -10,7 +10,6 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
-from typing import Any
 
 from morphkit.cutting import mjcf, urdf
 from morphkit.cutting.expand import MjcfFile, open_mjcf
@@ -35,7 +34,7 @@ class Variant:
 
     Attributes:
         description: The new robot; its info carries the source's canonical names.
-        removed: Every limb that went with a prune, in file order; a fixed body counts where the limb that carries it stays.
+        removed: Every limb that went with a prune, in file order; also a fixed body whose limb stays.
         spliced: Every limb that went while its children moved up, in file order.
         limbs: The limbs that are left, in file order.
         lost: What else went or changed.
@@ -76,8 +75,8 @@ def ablate(
     Args:
         description: The robot; a URDF stays a URDF, an MJCF stays an MJCF.
         remove: Limbs that go with everything below them: names, globs or limb types, fixed bodies included.
-        splice: Limbs that go while their children move up. Each child keeps its orientation in the world and is shifted so
-            that its joint's anchor lies where that of the removed limb was. Bodies fixed to the limb go with it.
+        splice: Limbs that go while their children move up. Each child keeps its orientation in the world and is
+            shifted so that its joint's anchor lies where that of the removed limb was. Bodies fixed to the limb go too.
         name: Name of the new robot; by default that of the source, `-no-`, and what was asked for.
 
     Raises:
@@ -100,11 +99,8 @@ def cut(
     description: Description, morphology: Morphology, *, remove: Sequence[str], splice: Sequence[str] = (), name: str
 ) -> Variant:
     """`ablate` with the robot already read and exact names of limbs and fixed bodies, none of them the root."""
-    plan: Plan | None = None
     lost: list[Loss] = []
-    if not remove and not splice:
-        source = description.source
-    elif description.format == "urdf":
+    if description.format == "urdf":
         urdf_file = Source(description.source, file=description.file)
         plan = make_plan(morphology, urdf.link_parents(urdf_file.root), remove, splice)
         lost += urdf.cut(urdf_file.root, plan)
@@ -113,13 +109,14 @@ def cut(
         file = open_mjcf(description, [*remove, *splice])
         plan = make_plan(morphology, mjcf.body_parents(file.bodies), remove, splice)
         lost += file.findings
-        lost += _name_left(file, plan)
+        if plan.gone:
+            lost += _name_left(file, plan)
         lost += mjcf.cut(file.source.root, file.bodies, plan)
         source = file.source.render()
-    gone = plan.gone if plan is not None else {}
+    gone = plan.gone
     limbs = tuple(limb.name for limb in morphology.limbs if limb.name not in gone)
     reported = [label for body, label in gone.items() if body == label]
-    spliced = tuple(label for label in reported if plan is not None and label in plan.splice)
+    spliced = tuple(label for label in reported if label in plan.splice)
     info = replace(
         description.info,
         canonical=canonical_limb_names(morphology, description.info.canonical),
@@ -170,7 +167,7 @@ def set_root_height(description: Description, height_m: float) -> Description:
 
 
 def _asked(patterns: Sequence[str], morphology: Morphology) -> list[str]:
-    """What a variant is named after: the words asked for, or the topmost limbs that they matched where they are globs."""
+    """What a variant is named after: the words asked for; for globs the topmost limbs that they matched."""
     words: dict[str, None] = {}
     for pattern in patterns:
         if _SAFE.search(pattern) is None:

@@ -15,10 +15,10 @@ from morphkit.morphology import Morphology
 def sub_morphologies(
     description: Description, *, min_limbs: int = 2, max_limbs: int | None = None, limit: int | None = None
 ) -> Iterator[Variant]:
-    """Yield every part of a robot that holds its root and hangs together; the robot itself and its bare root are left out.
+    """Yield every part of a robot that holds its root and hangs together, but the robot itself and its bare root.
 
-    They come lazily: those with the fewest limbs removed first, and among them those that lose an earlier limb of the file
-    first. A robot of 30 limbs can have millions, so ask for a `limit` there.
+    They come lazily: those with the fewest limbs removed first, and among them those that lose an earlier limb of the
+    file first. A robot of 30 limbs can have millions, so ask for a `limit` there.
 
     Args:
         description: The robot.

@@ -6,13 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import mujoco
+from lxml import etree
+
 from morphkit.cutting.loss import Loss
 from morphkit.cutting.mjcf import body_elements
 from morphkit.cutting.source import Source
 from morphkit.description import Description
 from morphkit.errors import AssetError
-from morphkit.io.mjcf import parse_spec
-from morphkit.io.resolve import flatten_includes
+from morphkit.io.mjcf import name_elements
+from morphkit.io.resolve import flatten_includes, resolve_asset
 from morphkit.io.xml import parse, serialize
 
 _EXPANDERS = ("replicate", "attach", "flexcomp", "composite")
@@ -36,17 +39,17 @@ class MjcfFile:
 def open_mjcf(description: Description, wanted: Sequence[str]) -> MjcfFile:
     """Open an MJCF description for cutting at the bodies `wanted`.
 
-    Bodies that only exist once MuJoCo has expanded `replicate` or `attach` are cut in what MuJoCo writes out; a finding of
-    kind `format` says so.
+    Bodies that only exist once MuJoCo has expanded `replicate` or `attach` are cut in what MuJoCo writes out; a finding
+    of kind `format` says so.
 
     Raises:
         AssetError: MuJoCo has to write the file out and a mesh is missing.
     """
-    tree = parse(description.source, file=description.file)
-    flat = flatten_includes(tree, description.folder, file=description.file)
     findings = []
-    if flat is not tree:
-        description = replace(description, source=serialize(flat))
+    tree = parse(description.source, file=description.file)
+    if next(tree.iter("include"), None) is not None:
+        flatten_includes(tree, description.folder, file=description.file)
+        description = replace(description, source=serialize(tree))
         findings.append(Loss("format", "include", "", "included files were written into the description"))
     source = Source(description.source, file=description.file)
     bodies = _bodies(source, description)
@@ -67,12 +70,12 @@ def _bodies(source: Source, description: Description) -> dict[str, Any]:
         return named
     if next(source.root.iter(*_EXPANDERS), None) is not None:
         return named
-    names = [body.name for body in parse_spec(description).bodies[1:]]
+    names = [body.name for body in _parse_spec(description).bodies[1:]]
     return dict(zip(names, elements, strict=True))
 
 
 def _write_out(description: Description) -> bytes:
-    spec = parse_spec(description)
+    spec = _parse_spec(description)
     if description.folder is not None:
         spec.modelfiledir = str(description.folder)
     # Keep numbers at full precision and defaults as they were.
@@ -83,6 +86,17 @@ def _write_out(description: Description) -> bytes:
         return str(spec.to_xml()).encode()
     except (ValueError, RuntimeError) as error:
         raise AssetError(
-            f"{description.file}: limbs made by replicate or attach can only be cut in MuJoCo's output, and MuJoCo cannot"
-            f" compile the file: {' '.join(str(error).split())}"
+            f"{description.file}: limbs made by replicate or attach can only be cut in MuJoCo's output, and MuJoCo"
+            f" cannot compile the file: {' '.join(str(error).split())}"
         ) from None
+
+
+def _parse_spec(description: Description) -> mujoco.MjSpec:
+    """The model as MuJoCo parses it, every body named as the reader names it."""
+    tree = parse(description.source, file=description.file)
+    for model in tree.iterfind("asset/model[@file]"):
+        if description.folder is not None:
+            model.set("file", str(resolve_asset(model.get("file") or "", description.folder)))
+    spec = mujoco.MjSpec.from_string(etree.tostring(tree.getroot(), encoding="unicode"))
+    name_elements(spec)
+    return spec

@@ -86,7 +86,7 @@ def _children(body: Any, inside: set[int]) -> list[Any]:
 
 
 def _move_up(child: Any, top: Any, angles: Angles, defaults: Defaults, anchor: np.ndarray) -> None:
-    """Put `child` in the place of `top`: turned as it is, its joint's anchor at `anchor` (in the frame around `top`)."""
+    """Put `child` in the place of `top`, turned as it is, its joint's anchor at `anchor` in the frame around `top`."""
     between = identity()
     for ancestor in child.iterancestors():
         between = angles.pose(ancestor) @ between

@@ -10,10 +10,9 @@ def detach(element: Any) -> None:
     parent, previous, following = element.getparent(), element.getprevious(), element.getnext()
     before = (parent.text if previous is None else previous.tail) or ""
     tail = element.tail or ""
+    merged = before if following is not None else tail  # where nothing follows, the closing tag's indentation
     if before.strip() or tail.strip():
         merged = before + tail
-    else:
-        merged = before if following is not None else tail
     parent.remove(element)
     if previous is None:
         parent.text = merged

@@ -21,9 +21,8 @@ def link_parents(root: Any) -> dict[str, str | None]:
         children.setdefault(parent, []).append(child)
         below.add(child)
     parents: dict[str, str | None] = {}
-    pending: list[tuple[str, str | None]] = [
-        (link.get("name", ""), None) for link in root.iterfind("link") if link.get("name") not in below
-    ][::-1]
+    tops = [str(link.get("name")) for link in root.iterfind("link") if link.get("name") not in below]
+    pending: list[tuple[str, str | None]] = [(name, None) for name in reversed(tops)]
     while pending:
         name, parent_name = pending.pop()
         parents[name] = parent_name
