@@ -74,17 +74,8 @@ def read_mjcf(description: Description) -> Morphology:
     )
 
 
-def parse_spec(description: Description) -> mujoco.MjSpec:
-    """Parse a description with MuJoCo, includes flattened, every body, joint and actuator named; nothing is compiled.
-
-    Raises:
-        DescriptionError: MuJoCo does not accept it, or two elements of a kind have one name.
-        AssetError: An included file is missing.
-    """
-    return _parse(description)[0]
-
-
 def _parse(description: Description) -> tuple[mujoco.MjSpec, Where]:
+    """Return the parsed model, everything named, and what turns an element's `info` into `file:line`."""
     file = description.file
     tree = xml.parse(description.source, file=file)
     if xml.root_format(tree, file=file) != "mjcf":
@@ -95,7 +86,7 @@ def _parse(description: Description) -> tuple[mujoco.MjSpec, Where]:
         _locate_models(tree, description)
         text = etree.tostring(tree.getroot(), encoding="unicode")
     else:
-        text = description.source.decode(tree.docinfo.encoding or "utf-8").lstrip("\ufeff")
+        text = xml.decode(description.source, tree)
 
     def where(info: str) -> str:
         line = re.search(r"line (\d+)", info or "")
@@ -104,9 +95,8 @@ def _parse(description: Description) -> tuple[mujoco.MjSpec, Where]:
     try:
         spec = mujoco.MjSpec.from_string(text)
     except Exception as error:
-        reason = " ".join(re.sub(r"^(XML )?Error:", "", str(error).strip()).split())
+        reason = " ".join(re.sub(r"(XML )?Error:", "", str(error)).split())
         raise DescriptionError(f"{where(str(error))}: MuJoCo does not accept this MJCF: {reason}") from None
-    _refuse_duplicates(spec, where)
     name_elements(spec)
     return spec, where
 
@@ -205,16 +195,3 @@ def _body_of(spec: mujoco.MjSpec, kind: Any, name: str) -> str:
     }.get(kind)
     element = look_up(name) if look_up is not None else None
     return element.parent.name if element is not None else ""
-
-
-def _refuse_duplicates(spec: mujoco.MjSpec, where: Where) -> None:
-    for label, elements in (("bodies", spec.bodies), ("joints", spec.joints), ("actuators", spec.actuators)):
-        seen: dict[str, str] = {}
-        for element in elements:
-            place = where(element.info)
-            if element.name and element.name in seen:
-                first = seen[element.name]
-                raise DescriptionError(
-                    f"{place}: two {label} are called {element.name!r} (the first in {first}); rename one of them"
-                )
-            seen[element.name] = place

@@ -111,7 +111,7 @@ def _refuse_cycles(parent_of: dict[str, str], joint_of: dict[str, etree._Element
         while link is not None and link not in safe:
             if link in path:
                 ring = list(path)[list(path).index(link) :]
-                joint = joint_of[link]
+                joint = joint_of[max(ring, key=list(joint_of).index)]  # the last in the file
                 loop = " -> ".join(reversed([*ring, link]))
                 raise DescriptionError(
                     f"{file}:{joint.sourceline}: links form a cycle: {loop}; a URDF is a tree, remove joint"

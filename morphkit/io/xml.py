@@ -101,6 +101,15 @@ def serialize(tree: etree._ElementTree) -> bytes:
     return parser.prolog + root + parser.epilog
 
 
+def decode(source: bytes, tree: etree._ElementTree) -> str:
+    """Return the text of the file that `tree` was parsed from, without byte order mark."""
+    encoding = "utf-16" if source.startswith(_UTF16_MARKS) else tree.docinfo.encoding or "utf-8"
+    try:
+        return source.decode(encoding).removeprefix("\ufeff")
+    except (LookupError, UnicodeDecodeError):  # a codec that libxml2 knows and Python does not
+        return etree.tostring(tree, encoding="unicode")
+
+
 def root_format(tree: etree._ElementTree, *, file: str) -> Format:
     """Return `urdf` or `mjcf` by the root element; DescriptionError where it is another."""
     root = tree.getroot()
