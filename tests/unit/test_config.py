@@ -1,0 +1,61 @@
+"""Training settings."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from morphkit.errors import ConfigError, UnknownNameError
+from morphkit_rl.config import TrainConfig, load_config, presets
+
+
+def test_every_preset_loads() -> None:
+    assert "default" in presets()
+    for name in presets():
+        assert isinstance(load_config(name), TrainConfig)
+
+
+def test_overrides_change_one_setting() -> None:
+    base, changed = load_config(), load_config(overrides=["td3.tau=0.5", "text.encoder=bert-base-uncased"])
+    assert changed.td3.tau == 0.5
+    assert changed.text.encoder == "bert-base-uncased"
+    assert dataclasses.replace(changed.td3, tau=base.td3.tau) == base.td3
+
+
+def test_round_trip_through_a_dict() -> None:
+    config = load_config(overrides=["model.layers=1"])
+    assert TrainConfig.from_dict(config.to_dict(), origin="test") == config
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("td3.taux=0.1", "did you mean 'tau'"),
+        ("tdd3.tau=0.1", "did you mean 'td3'"),
+        ("td3.tau=fast", "expected float"),
+        ("td3.tau=-1", "at least 0"),
+        ("td3.batch_size=0", "at least 1"),
+        ("td3.batch_size=1.5", "expected int"),
+        ("td3.batch_size=true", "expected int"),
+        ("td3.learning_rate=nan", "expected a number"),
+        ("text.pooling=max", "expected one of default, mean, cls"),
+        ("tau=0.1", "expected section.name=value"),
+        ("td3.tau", "expected section.name=value"),
+        ("td3=1", "expected section.name=value"),
+    ],
+)
+def test_impossible_settings_are_refused(override: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        load_config(overrides=[override])
+
+
+def test_a_preset_file_of_ones_own(tmp_path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("[td3]\ntau = 0.25\n")
+    assert load_config(path).td3.tau == 0.25
+    path.write_text("[td3\n")
+    with pytest.raises(ConfigError, match="not valid TOML"):
+        load_config(path)
+    with pytest.raises(UnknownNameError, match="presets: "):
+        load_config("defualt")
