@@ -115,7 +115,15 @@ class BatchEnv:
             own = sensors[first_row[i] * width : first_row[i + 1] * width]
             robot.sensors = own.reshape(self.num_envs[i], 1, -1)
         controls = [robot.ctrl.shape[2] for robot in self._robots]
-        self._reward = RewardPass(simulations, tasks, self.num_envs, offsets[:-1].tolist(), sizes, first_row, sensors)
+        starts = [offset + np.arange(n) * size for offset, n, size in zip(offsets, self.num_envs, sizes)]  # noqa: B905
+        self._reward = RewardPass(
+            simulations,
+            tasks,
+            self.num_envs,
+            np.concatenate(starts),
+            np.unique(self._observe_all.root_row),
+            self._observe_all.sensors,
+        )
         self._env_split = np.cumsum(self.num_envs)[:-1]
         self._obs_split = np.cumsum([n * len(s.sensors) for n, s in zip(self.num_envs, self.specs, strict=True)])[:-1]
         self._ctrl_split = np.cumsum([n * nu for n, nu in zip(self.num_envs, controls, strict=True)])[:-1]
@@ -125,6 +133,9 @@ class BatchEnv:
         self._length = np.zeros(sum(self.num_envs), np.int64)
         self._max_length = np.repeat([task.episode_length for task in tasks], self.num_envs)
         self.seed(seed)
+        for robot in self._robots:
+            robot.state[:] = robot.start
+            robot.sense(self._pool)
 
     @property
     def num_robots(self) -> int:
@@ -167,14 +178,14 @@ class BatchEnv:
             ValueError: An action of the wrong shape or not finite.
         """
         ctrl = self._controls(actions)
-        before = self._state.copy()
+        before, forward = self._state.copy(), self._reward.forward(self._state)
         for robot, control in zip(self._robots, np.split(ctrl, self._ctrl_split), strict=True):
             robot.advance(self._pool, control)
         diverged = self._undo_diverged(before)
         for robot in self._robots:
             robot.sense(self._pool)
         final = self._observe_all(self._state)
-        reward, terminated = self._reward(before, self._state, ctrl)
+        reward, terminated = self._reward(forward, self._state, ctrl)
         if diverged is not None:
             reward[diverged], terminated[diverged] = 0.0, True
             self.diverged += [int(part.sum()) for part in np.split(diverged, self._env_split)]
@@ -248,6 +259,8 @@ class BatchEnv:
             target[:] = state[key]
         for rng, generator in zip(self._rngs, generators, strict=True):
             rng.bit_generator.state = generator
+        for robot in self._robots:
+            robot.sense(self._pool)
 
     def close(self) -> None:
         """Stop the threads."""
@@ -318,8 +331,9 @@ class _Robot:
         mujoco.mj_getState(model, self.data[0], self.start, _STATE)
         self.ctrl = np.zeros((n, frame_skip, model.nu))
         self.states = np.zeros((n, frame_skip, self.start.size))
-        limited = model.actuator_ctrllimited.astype(bool)[:, None]
-        self.bounds = np.where(limited, model.actuator_ctrlrange, [-np.inf, np.inf]).T.reshape(2, -1)
+        low = [-np.inf if token.low is None else token.low for token in simulation.tokens.actuators]
+        high = [np.inf if token.high is None else token.high for token in simulation.tokens.actuators]
+        self.bounds = np.array([low, high])
         types, address = mujoco.mjtJoint, model.jnt_qposadr
         self.quaternions = [
             *(int(a) + 3 for a in address[model.jnt_type == types.mjJNT_FREE]),

@@ -7,6 +7,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import mujoco
+import numpy as np
+
 from morphkit.errors import ConfigError, UnknownNameError
 from morphkit.simulation import Simulation
 
@@ -19,7 +22,7 @@ class Task:
 
     Reward of a step = `forward_weight` * forward speed + `alive_bonus` - `control_cost` * |a|^2
     + `tip_height_weight` * tip height. Forward speed is (x after - x before) / duration of the step, m/s, of the planar
-    base's x slide or the free joint.
+    base's x slide or of a free root's frame.
 
     Attributes:
         name: Name of the task.
@@ -34,7 +37,7 @@ class Task:
         tip_height_weight: Weight of the height of the tip above the root's frame, as a share of its reach. The tip is
             the far end of the last limb of the deepest chain, twice as far from its frame as its centre of mass.
         healthy_height: Open interval of the root's height, m, outside which the episode ends; None: no bounds. Measured
-            at the z slide's coordinate (planar) or the free joint's z; at the root's frame above the world's origin
+            at the z slide's coordinate of a planar base; at the root's frame above the world's origin for a free one, and
             where `height_in_world`.
         healthy_share: The same as shares of the start height; `task_for` turns it into `healthy_height`.
         height_in_world: See `healthy_height`.
@@ -135,16 +138,14 @@ def task_for(simulation: Simulation, name: str | None = None) -> Task:
     if own is not None:
         return replace(task, frame_skip=skip, healthy_height=own, healthy_share=None, height_in_world=False)
     if task.healthy_share is not None:
-        start = start_height(simulation)
-        low, high = (share * start for share in task.healthy_share)
+        low, high = (float(share * start_pose(simulation)[2]) for share in task.healthy_share)
         return replace(task, frame_skip=skip, healthy_height=(low, high), healthy_share=None)
     return replace(task, frame_skip=skip)
 
 
-def start_height(simulation: Simulation) -> float:
-    """Height of the root's frame above the world's origin in the start configuration, m."""
-    import mujoco
-
+def start_pose(simulation: Simulation) -> np.ndarray:
+    """World position (3, m) and quaternion (4, real part first) of the root's frame in the start configuration."""
     data = mujoco.MjData(simulation.model)
     mujoco.mj_kinematics(simulation.model, data)
-    return float(data.xpos[simulation.limb_body[0], 2])
+    root = simulation.limb_body[0]
+    return np.concatenate([data.xpos[root], data.xquat[root]])
