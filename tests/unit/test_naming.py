@@ -10,7 +10,7 @@ from morphkit.naming import canonical_joint_names, canonical_limb_names, limb_ty
 
 
 def robot(*limbs: Limb | str, type_words: tuple[tuple[str, ...], ...] = ()) -> Morphology:
-    made = []
+    made: list[Limb] = []
     for i, limb in enumerate(limbs):
         if isinstance(limb, str):
             parent = made[0].name if made else None

@@ -14,6 +14,7 @@ import pytest
 from morphkit import robots
 from morphkit.description import Description
 from morphkit.errors import DescriptionError, UnknownNameError
+from morphkit.io import read
 
 MJCF = b'<mujoco><worldbody><body name="torso"/></worldbody></mujoco>\n'
 URDF = b'<?xml version="1.0"?>\n<robot name="r"><link name="base"/></robot>\n'
@@ -75,9 +76,6 @@ def test_a_recipe_without_cuts_is_the_full_robot_under_its_name() -> None:
 
 
 def test_a_recipe_is_cut_from_the_full_robot() -> None:
-    pytest.importorskip("morphkit.ablation")
-    from morphkit.io import read
-
     hopper = robots.load("hopper_4")
     assert (hopper.name, hopper.file, hopper.info.healthy_height) == ("hopper_4", "hopper_4.xml", (0.6, math.inf))
     assert hopper.info.expert_return == 4687.14
@@ -242,7 +240,6 @@ def write_manifest(folder: Path, *files: str) -> None:
 
 @pytest.fixture
 def family(folder: Path) -> Path:
-    pytest.importorskip("morphkit.manifest")
     (folder / "robot.toml").unlink()
     (folder / "two.xml").write_bytes(MJCF.replace(b"<mujoco>", b'<mujoco model="two">'))
     write_manifest(folder, "two legs.xml", "two.xml")
