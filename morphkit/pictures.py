@@ -174,8 +174,11 @@ def _write_gif(frames: Iterable[np.ndarray], path: Path, fps: float) -> None:
 def _write_mp4(frames: Iterable[np.ndarray], path: Path, fps: float) -> None:
     imageio = _import("imageio.v2")
     # Two pixels are the least that H.264 with this colour format can count in.
-    with imageio.get_writer(
+    writer = imageio.get_writer(
         path, fps=fps, codec="libx264", quality=7, pixelformat="yuv420p", macro_block_size=2, ffmpeg_log_level="error"
-    ) as writer:
+    )
+    try:  # As a context manager it would leave ffmpeg running after a failure.
         for frame in frames:
             writer.append_data(frame)
+    finally:
+        writer.close()
