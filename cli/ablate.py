@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import sys
 from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
@@ -10,10 +12,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from . import common
+from .table import table, terminal_width
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from morphkit.ablation import Variant
     from morphkit.description import Description
 
@@ -97,18 +98,17 @@ def ablate(
 
         common.print_json({"folder": str(folder), **json.loads(manifest.read_text(encoding="utf-8"))})
     elif not quiet:
-        console = common.results()
-        if every:
-            _print_family(console, variants)
-        else:
-            _print_matches(console, description, remove, splice)
-            _print_variant(console, variants[0])
-        console.print(f"\nwritten: {folder}/ ({common.count(len(variants), 'variant')} and {manifest.name})")
+        shown = _family(variants) if every else _matches(description, remove, splice) + _variant(variants[0])
+        sys.stdout.write(
+            f"{shown}\nwritten: {folder}/ ({common.count(len(variants), 'variant')} and {manifest.name})\n"
+        )
 
 
 def _check_usage(remove: Sequence[str], splice: Sequence[str], *, every: bool, name: str | None) -> None:
     if every and (remove or splice or name):
         raise common.UsageError("--all makes every variant; leave out --remove, --splice and --name.")
+    if name is not None and not re.fullmatch(r"\w[\w.-]*", name):
+        raise common.UsageError(f"--name '{name}': a name has letters, digits, '_', '-' and '.' only.")
     if not every and not (remove or splice):
         raise common.UsageError("say what to cut: --remove LIMB, --splice LIMB, or --all for every variant.")
 
@@ -125,39 +125,46 @@ def _no_variant(description: Description, min_limbs: int, max_limbs: int | None)
     )
 
 
-def _print_matches(console: Console, description: Description, remove: Sequence[str], splice: Sequence[str]) -> None:
+def _matches(description: Description, remove: Sequence[str], splice: Sequence[str]) -> str:
     from morphkit.io import read
     from morphkit.naming import match_limbs
 
     morphology = read(description)
-    for verb, patterns in (("remove", remove), ("splice", splice)):
-        for pattern in patterns:
-            console.print(f"{verb} '{pattern}' matched: {', '.join(match_limbs(morphology, pattern))}")
+    patterns = [*(("remove", pattern) for pattern in remove), *(("splice", pattern) for pattern in splice)]
+    return "".join(
+        f"{verb} '{pattern}' matched: {', '.join(match_limbs(morphology, pattern))}\n" for verb, pattern in patterns
+    )
 
 
-def _print_variant(console: Console, variant: Variant) -> None:
-    if variant.removed:
-        console.print(f"removed:  {', '.join(variant.removed)}")
-    if variant.spliced:
-        console.print(f"spliced:  {', '.join(variant.spliced)}")
-    console.print(f"left:     {', '.join(variant.limbs)}")
-    if not variant.lost:
-        return
-    console.print(f"\n{common.count(len(variant.lost), 'other element')} lost:")
-    table = common.table("kind", "name", "limb", "reason")
-    for loss in variant.lost:
-        table.add_row(loss.kind, loss.name or "-", loss.limb or "-", loss.reason)
-    console.print(table)
+def _variant(variant: Variant) -> str:
+    lines = [
+        f"{word + ':':<10}{', '.join(limbs)}\n"
+        for word, limbs in (("removed", variant.removed), ("spliced", variant.spliced), ("left", variant.limbs))
+        if limbs
+    ]
+    if variant.lost:
+        lines.append(f"\n{common.count(len(variant.lost), 'other element')} lost:\n")
+        rows = [(loss.kind, loss.name or "-", loss.limb or "-", loss.reason) for loss in variant.lost]
+        lines.append(table(("kind", "name", "limb", "reason"), rows, fold=True, width=terminal_width()))
+    return "".join(lines)
 
 
-def _print_family(console: Console, variants: Sequence[Variant]) -> None:
-    table = common.table("variant", "limbs", "gone", "left", "also lost", right=("limbs", "also lost"))
-    for variant in variants:
-        table.add_row(
+def _family(variants: Sequence[Variant]) -> str:
+    rows = [
+        (
             variant.description.name,
             str(len(variant.limbs)),
             ", ".join((*variant.removed, *variant.spliced)),
-            ", ".join(variant.limbs),
             str(len(variant.lost)),
+            ", ".join(variant.limbs),
         )
-    console.print(table)
+        for variant in variants
+    ]
+    return table(
+        ("variant", "limbs", "gone", "also lost", "left"),
+        rows,
+        right=("limbs", "also lost"),
+        dispensable=("also lost", "gone"),
+        fold=True,
+        width=terminal_width(),
+    )

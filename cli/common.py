@@ -15,13 +15,7 @@ import typer
 from morphkit.errors import OutputError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
-
     from morphkit.description import Description
-
-PIPE_WIDTH = 240
-"""Columns of a table that goes into a pipe or a file, so that its rows stay whole."""
 
 
 class UsageError(typer.BadParameter):
@@ -30,48 +24,6 @@ class UsageError(typer.BadParameter):
     def format_message(self) -> str:
         """The message as it is, without Typer's `Invalid value`."""
         return self.message
-
-
-def results() -> Console:
-    """The console for results, on stdout."""
-    return _console(sys.stdout)
-
-
-def notes() -> Console:
-    """The console for everything else, on stderr."""
-    return _console(sys.stderr)
-
-
-def _console(stream: Any) -> Console:
-    from rich.console import Console
-
-    class PipeConsole(Console):
-        """Leaves a closed pipe to `main`, which ends quietly; rich itself would exit with 1."""
-
-        def on_broken_pipe(self) -> None:
-            raise BrokenPipeError
-
-    width = None if stream.isatty() or "COLUMNS" in os.environ else PIPE_WIDTH
-    return PipeConsole(file=stream, width=width, highlight=False, emoji=False, markup=False, soft_wrap=False)
-
-
-def table(*columns: str, right: tuple[str, ...] = ()) -> Table:
-    """An empty table with these columns.
-
-    Args:
-        columns: Headings.
-        right: Those of them that hold numbers and stand at the right.
-
-    Returns:
-        A table without lines beside the one under the headings.
-    """
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
-    result = Table(box=SIMPLE_HEAD, pad_edge=False, show_edge=False)
-    for column in columns:
-        result.add_column(column, justify="right" if column in right else "left", overflow="fold")
-    return result
 
 
 def print_json(value: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from . import common
+from .table import table, terminal_width
 
 if TYPE_CHECKING:
     from morphkit.description import Description
@@ -88,19 +90,22 @@ def _row(result: RobotResult) -> dict[str, Any]:
 
 def _print_table(found: Sequence[RobotResult]) -> None:
     numbers = ("return", "std", "random", "random 95 %", "normalised")
-    table = common.table("body", "trained on", *numbers, right=numbers)
+    rows = []
     for result in found:
         low, high = result.random_interval
-        table.add_row(
-            result.robot,
-            "yes" if result.trained_on else "no",
-            f"{result.mean:.1f}",
-            f"{result.std:.1f}",
-            f"{result.random_mean:.1f}",
-            f"{low:.1f} .. {high:.1f}",
-            "-" if result.normalised is None else f"{result.normalised:.3f}",
+        rows.append(
+            (
+                result.robot,
+                "yes" if result.trained_on else "no",
+                f"{result.mean:.1f}",
+                f"{result.std:.1f}",
+                f"{result.random_mean:.1f}",
+                f"{low:.1f} .. {high:.1f}",
+                "-" if result.normalised is None else f"{result.normalised:.3f}",
+            )
         )
-    common.results().print(table)
+    shown = table(("body", "trained on", *numbers), rows, right=numbers, dispensable=("std",), width=terminal_width())
+    sys.stdout.write(shown)
 
 
 def _film(run: Path, bodies: Sequence[Description], video: Path, *, seed: int, task: str | None, base: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from statistics import fmean
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -13,18 +14,27 @@ if TYPE_CHECKING:
 
 LINE_INTERVAL_S = 30.0
 """Time between two lines where stderr is no terminal, s."""
+LINE_WIDTH = 240
+"""Columns of such a line."""
 
 
 class ProgressDisplay:
     """Shows the progress of a run on stderr.
 
     Args:
+        title: What runs; shown with the first progress, when the run is known to have started.
         quiet: Show nothing.
     """
 
-    def __init__(self, *, quiet: bool = False) -> None:
+    def __init__(self, title: str, *, quiet: bool = False) -> None:
+        self._title = title
         self._quiet = quiet
-        self._console = common.notes()
+        from rich.console import Console
+
+        terminal = sys.stderr.isatty()
+        self._console = Console(
+            file=sys.stderr, width=None if terminal else LINE_WIDTH, highlight=False, emoji=False, markup=False
+        )
         self._live: Any = None
         self._next_line_s = 0.0
 
@@ -50,6 +60,9 @@ class ProgressDisplay:
         """Show `progress`."""
         if self._quiet:
             return
+        if self._title:
+            self._console.print(self._title)
+            self._title = ""
         if self._live is not None:
             from rich.console import Group
             from rich.text import Text

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from . import common
+from .table import table, terminal_width
 
 if TYPE_CHECKING:
     from morphkit.description import Description
@@ -31,21 +33,14 @@ def robots(
     if as_json:
         common.print_json(rows)
         return
-    numbers = ("limbs", "joints", "actuators", "recipes")
-    table = common.table("name", "family", *numbers[:3], "base", "task", "recipes", "description", right=numbers)
-    for row in rows:
-        table.add_row(
-            row["name"],
-            row["family"] or "-",
-            str(row["limbs"]),
-            str(row["joints"]),
-            str(row["actuators"]),
-            row["base"],
-            row["task"] or "-",
-            str(len(row["recipes"]) or "-"),
-            row["description"],
-        )
-    common.results().print(table)
+    numbers = ("limbs", "joints", "actuators")
+    columns = ("name", "family", *numbers, "base", "task", "description")
+    cells = [[str(row[column] if row[column] is not None else "-") for column in columns] for row in rows]
+    sys.stdout.write(
+        table(columns, cells, right=numbers, dispensable=("family", "joints"), fold=True, width=terminal_width())
+    )
+    recipes = sum(len(row["recipes"]) for row in rows)
+    typer.echo(f"\n{common.count(recipes, 'recipe')} of bodies cut from them: morphkit robots --json", err=True)
 
 
 def _row(description: Description) -> dict[str, Any]:

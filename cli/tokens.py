@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from . import common
+from .table import table, terminal_width
 
 if TYPE_CHECKING:
     from morphkit.tokens import TokenSpec
+
+SENSOR_COLUMNS = ("index", "sensor token", "text", "limb", "unit", "range", "frame")
+ACTUATOR_COLUMNS = ("index", "actuator token", "text", "limb", "joint", "unit", "range")
 
 EXAMPLES = (
     "morphkit tokens cheetah",
@@ -62,8 +64,7 @@ def tokens(
         canonical=description.info.canonical,
     )
     if output_format == "table":
-        fits = output is None and sys.stdout.isatty()
-        text = _table(spec, width=get_terminal_size().columns if fits else None)
+        text = _table(spec, width=terminal_width() if output is None else None)
     else:
         text = spec.to_json() if output_format == "json" else spec.to_csv()
     if output is None:
@@ -86,12 +87,6 @@ def _range(low: float | None, high: float | None) -> str:
     return f"{'-inf' if low is None else f'{low:g}'} .. {'inf' if high is None else f'{high:g}'}"
 
 
-SENSOR_COLUMNS = ("index", "sensor token", "text", "limb", "unit", "range", "frame")
-ACTUATOR_COLUMNS = ("index", "actuator token", "text", "limb", "joint", "unit", "range")
-DISPENSABLE = ("frame", "text", "limb")
-"""Columns that a narrow terminal does without, the first of them first."""
-
-
 def _table(spec: TokenSpec, *, width: int | None) -> str:
     """The tokens as text, at most `width` columns wide where leaving columns out can do it."""
     sensors = [
@@ -101,30 +96,15 @@ def _table(spec: TokenSpec, *, width: int | None) -> str:
         (str(a.index), a.name, a.text, a.limb or "-", a.joint or "-", a.unit, _range(a.low, a.high))
         for a in spec.actuators
     ]
-    parts = [
-        _summary(spec),
+    about = (
         f"file {spec.file} ({spec.format}), base {spec.base}, family {spec.family or '-'}, "
-        f"task {spec.task or '-'}, naming {spec.naming}",
-        "",
-        *_lines(SENSOR_COLUMNS, sensors, width),
-        "",
-        *(_lines(ACTUATOR_COLUMNS, actuators, width) if actuators else ["no actuators"]),
+        f"task {spec.task or '-'}, naming {spec.naming}"
+    )
+    parts = [
+        f"{_summary(spec)}\n{about}\n",
+        table(SENSOR_COLUMNS, sensors, right=["index"], dispensable=("frame", "text", "limb"), width=width),
+        table(ACTUATOR_COLUMNS, actuators, right=["index"], dispensable=("text", "joint", "limb"), width=width)
+        if actuators
+        else "no actuators\n",
     ]
-    return "\n".join(parts) + "\n"
-
-
-def _lines(columns: Sequence[str], rows: Sequence[Sequence[str]], width: int | None) -> list[str]:
-    """Heading, rule and rows. Written out by hand: rich takes a second for the rows of a large robot."""
-    widths = {name: max(map(len, (name, *cells))) for name, *cells in zip(columns, *rows, strict=True)}
-    shown = list(columns)
-    for name in DISPENSABLE:
-        if width is not None and sum(widths[name] + 2 for name in shown) - 2 > width and name in shown:
-            shown.remove(name)
-    keep = [(columns.index(name), widths[name], name == "index") for name in shown]
-
-    def line(cells: Sequence[str]) -> str:
-        padded = (cells[i].rjust(size) if right else cells[i].ljust(size) for i, size, right in keep)
-        return "  ".join(padded).rstrip()
-
-    rule = "─" * (sum(size + 2 for _, size, _ in keep) - 2)
-    return [line(columns), rule, *map(line, rows)]
+    return "\n".join(parts)

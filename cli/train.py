@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from . import common
+from .table import table
 
 if TYPE_CHECKING:
     from morphkit_rl.trainer import Progress, TrainSummary
@@ -96,10 +98,6 @@ def train(
 
     else:
         config = load_config(preset or "default", settings)
-        if not quiet:
-            trained = len(bodies) - len(hold_out)
-            held = f", held out: {', '.join(hold_out)}" if hold_out else ""
-            typer.echo(f"training on {common.count(trained, 'body')}{held}", err=True)
 
         def start(show: Callable[[Progress], None]) -> TrainSummary:
             return trainer.train(
@@ -116,7 +114,10 @@ def train(
                 progress=show,
             )
 
-    with ProgressDisplay(quiet=quiet) as display:
+    title = "resuming" if resume else f"training on {common.count(len(bodies) - len(hold_out), 'body')}"
+    if hold_out:
+        title += f", held out: {', '.join(hold_out)}"
+    with ProgressDisplay(title, quiet=quiet) as display:
         summary = start(display.update)
     _report(summary, hold_out, as_json=as_json, quiet=quiet)
 
@@ -134,16 +135,12 @@ def _report(summary: TrainSummary, hold_out: list[str], *, as_json: bool, quiet:
             }
         )
     elif not quiet:
-        table = common.table("body", "training return", right=("training return",))
-        for robot, value in summary.returns.items():
-            table.add_row(robot, f"{value:.1f}")
-        console = common.results()
         if summary.returns:
-            console.print(table)
-            console.print()
-        console.print(
-            f"{summary.steps} steps and {common.count(summary.updates, 'update')} "
-            f"in {common.duration(summary.elapsed_s)}; run: {summary.run}"
+            rows = [(robot, f"{value:.1f}") for robot, value in summary.returns.items()]
+            sys.stdout.write(table(("body", "training return"), rows, right=["training return"]) + "\n")
+        sys.stdout.write(
+            f"{common.count(summary.steps, 'step')} and {common.count(summary.updates, 'update')} "
+            f"in {common.duration(summary.elapsed_s)}; run: {summary.run}\n"
         )
     if summary.interrupted:
         typer.echo(f"stopped at a checkpoint; go on with: morphkit train --run {summary.run} --resume", err=True)

@@ -18,10 +18,11 @@ SHIPPED = ["arm", "cheetah", "hopper", "humanoid_2d", "planar_cheetah", "quadrup
 
 COMMENTED = """<!-- first line -->
 <mujoco model="tripod">
+  <custom><text name="note" data="kept"/></custom>
   <worldbody>
     <body name="torso" pos="0 0 1"><!-- torso -->
       <freejoint/>
-      <geom size="0.1" unknown_to_us="kept"/>
+      <geom size="0.1"/>
       <body name="left" pos="0 1 0">
         <joint name="left_hinge" axis="0 1 0" range="-30 30"/>
         <geom size="0.1"/>
@@ -138,7 +139,7 @@ def test_variant_says_what_went(morphkit: Run, tmp_path: Path) -> None:
     assert variant["removed"] == ["left"]
     assert variant["limbs"] == ["torso", "right"]
     assert {loss["name"] for loss in variant["lost"]} >= {"left_motor"}
-    for kept in (b"<!-- first line -->", b"<!-- stays -->", b'unknown_to_us="kept"'):
+    for kept in (b"<!-- first line -->", b"<!-- stays -->", b'data="kept"'):
         assert kept in source
     assert b"left" not in source.replace(b"tripod-no-left", b"")
 

@@ -13,6 +13,7 @@ import morphkit.robots
 from morphkit.errors import OutputError, UnknownNameError
 from morphkit_cli import common, progress
 from morphkit_cli.main import run
+from morphkit_cli.table import table
 
 
 def raising(error: BaseException):
@@ -175,15 +176,42 @@ def test_progress_in_words():
 
 
 def test_progress_outside_a_terminal_is_a_line_now_and_then(capsys):
-    with progress.ProgressDisplay() as display:
+    with progress.ProgressDisplay("training on 3 bodies") as display:
         for second in range(0, 70, 10):
             display.update(sample_progress(elapsed_s=float(second)))
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert len(captured.err.splitlines()) == 3
+    title, *lines = captured.err.splitlines()
+    assert title == "training on 3 bodies"
+    assert len(lines) == 3
 
 
 def test_quiet_progress_says_nothing(capsys):
-    with progress.ProgressDisplay(quiet=True) as display:
+    with progress.ProgressDisplay("training", quiet=True) as display:
         display.update(sample_progress())
     assert capsys.readouterr().err == ""
+
+
+ROWS = [("a", "1", "short"), ("bcd", "22", "a long text that has to be folded somewhere")]
+
+
+def test_table_keeps_rows_whole_without_a_width():
+    assert table(("name", "n", "text"), ROWS, right=["n"]).splitlines() == [
+        "name   n  text",
+        "─" * 53,
+        "a      1  short",
+        "bcd   22  a long text that has to be folded somewhere",
+    ]
+
+
+def test_table_folds_its_last_column():
+    lines = table(("name", "n", "text"), ROWS, fold=True, width=34).splitlines()
+    assert max(map(len, lines)) <= 34
+    assert lines[-1].strip() == "be folded somewhere"
+    assert " ".join(line[10:] for line in lines[-2:]) == ROWS[1][2]
+
+
+def test_table_does_without_columns_where_it_is_narrow():
+    heading = table(("name", "n", "text"), ROWS, dispensable=("n", "text"), width=52).splitlines()[0]
+    assert heading == "name  text"
+    assert table(("name", "n", "text"), ROWS, dispensable=("n", "text"), width=20).splitlines()[0] == "name"
