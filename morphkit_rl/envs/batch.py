@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import copy
 import json
 import os
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import mujoco
 import numpy as np
-from mujoco.rollout import Rollout
 
 from morphkit.errors import ConfigError
 from morphkit.simulation import Simulation
 from morphkit.tokens import TokenSpec
 from morphkit_rl.envs.observation import Observation, ObservationPass
 from morphkit_rl.envs.reward import RewardPass
+from morphkit_rl.envs.stepping import Robot, Stepper
 from morphkit_rl.envs.tasks import Task
 
-_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
-_CTRL = mujoco.mjtState.mjSTATE_CTRL.value
 _DIVERGED = 1e10  # MuJoCo's own bound on coordinates, velocities and accelerations
 
 
@@ -60,9 +56,9 @@ class Step:
 class BatchEnv:
     """Environments of several robots with different numbers of tokens and actuators.
 
-    A step is one `mujoco.rollout` call a robot for the physics, one for the sensors, and one numpy pass over all robots
-    for observations, rewards and endings. Robots share nothing: each draws its resets from a generator of its own,
-    seeded by `seed` and its name, so what happens to it depends neither on the others nor on the number of threads.
+    A step is `mujoco.rollout` for the physics and once more for the sensors, shared between threads, and one numpy pass
+    over all robots for observations, rewards and endings. Robots share nothing: each draws its resets from a generator
+    of its own, seeded by `seed` and its name, so what happens to it depends neither on the others nor on threads.
 
     Args:
         simulations: The robots.
@@ -98,11 +94,8 @@ class BatchEnv:
         _check(self.simulations, self.tasks, self.num_envs, observation)
         self.specs: list[TokenSpec] = [simulation.tokens for simulation in simulations]
         self.diverged = np.zeros(len(simulations), np.int64)
-        threads = num_threads or len(os.sched_getaffinity(0))
-        self._pool = Rollout(nthread=threads if threads > 1 else 0)
         self._robots = [
-            _Robot(simulation, task.frame_skip or 1, n, threads)
-            for simulation, task, n in zip(simulations, tasks, self.num_envs, strict=True)
+            Robot(simulation, task, n) for simulation, task, n in zip(simulations, tasks, self.num_envs, strict=True)
         ]
         sizes = [robot.start.size for robot in self._robots]
         offsets = np.concatenate([[0], np.cumsum([n * size for n, size in zip(self.num_envs, sizes, strict=True)])])
@@ -114,6 +107,7 @@ class BatchEnv:
             robot.state = self._state[offsets[i] : offsets[i + 1]].reshape(-1, sizes[i])
             own = sensors[first_row[i] * width : first_row[i + 1] * width]
             robot.sensors = own.reshape(self.num_envs[i], 1, -1)
+            robot.state[:] = robot.start
         controls = [robot.ctrl.shape[2] for robot in self._robots]
         starts = [offset + np.arange(n) * size for offset, n, size in zip(offsets, self.num_envs, sizes)]  # noqa: B905
         self._reward = RewardPass(
@@ -132,10 +126,9 @@ class BatchEnv:
         self._return = np.zeros(sum(self.num_envs))
         self._length = np.zeros(sum(self.num_envs), np.int64)
         self._max_length = np.repeat([task.episode_length for task in tasks], self.num_envs)
+        self._stepper = Stepper(self._robots, num_threads or len(os.sched_getaffinity(0)))
+        self._stepper.sense()
         self.seed(seed)
-        for robot in self._robots:
-            robot.state[:] = robot.start
-            robot.sense(self._pool)
 
     @property
     def num_robots(self) -> int:
@@ -164,8 +157,7 @@ class BatchEnv:
 
     def observe(self) -> list[np.ndarray]:
         """Observations of the current states, one float32 (n, tokens) a robot."""
-        for robot in self._robots:
-            robot.sense(self._pool)
+        self._stepper.sense()
         return self._split_obs(self._observe_all(self._state))
 
     def step(self, actions: Sequence[np.ndarray]) -> Step:
@@ -180,10 +172,9 @@ class BatchEnv:
         ctrl = self._controls(actions)
         before, forward = self._state.copy(), self._reward.forward(self._state)
         for robot, control in zip(self._robots, np.split(ctrl, self._ctrl_split), strict=True):
-            robot.advance(self._pool, control)
+            robot.ctrl[:] = control.reshape(len(robot.ctrl), 1, -1)
+        self._stepper.advance_and_sense()
         diverged = self._undo_diverged(before)
-        for robot in self._robots:
-            robot.sense(self._pool)
         final = self._observe_all(self._state)
         reward, terminated = self._reward(forward, self._state, ctrl)
         if diverged is not None:
@@ -259,12 +250,11 @@ class BatchEnv:
             target[:] = state[key]
         for rng, generator in zip(self._rngs, generators, strict=True):
             rng.bit_generator.state = generator
-        for robot in self._robots:
-            robot.sense(self._pool)
+        self._stepper.sense()
 
     def close(self) -> None:
         """Stop the threads."""
-        self._pool.close()
+        self._stepper.close()
 
     def _controls(self, actions: Sequence[np.ndarray]) -> np.ndarray:
         """All controls, clipped, flat."""
@@ -289,6 +279,7 @@ class BatchEnv:
             bad = ~(np.abs(robot.state) < _DIVERGED).all(axis=1)
             robot.state[bad] = old[bad]
             parts.append(bad)
+        self._stepper.sense()
         return np.concatenate(parts)
 
     def _end(self, done: np.ndarray) -> list[Episode]:
@@ -307,94 +298,11 @@ class BatchEnv:
             which = np.flatnonzero(ended)
             if len(which):
                 robot.state[which] = robot.draw_start(self._rngs[i], self.tasks[i], len(which))
-                robot.sense(self._pool, which)
+                self._stepper.sense_some(robot, which)
         return self._observe_all(self._state)
 
     def _split_obs(self, flat: np.ndarray) -> list[np.ndarray]:
         return [part.reshape(n, -1) for part, n in zip(np.split(flat, self._obs_split), self.num_envs, strict=True)]
-
-
-class _Robot:
-    """One robot's models and buffers; `state` and `sensors` are views into flat buffers of all robots."""
-
-    state: np.ndarray  # (n, full physics state)
-    sensors: np.ndarray  # (n, 1, 13 * limbs)
-
-    def __init__(self, simulation: Simulation, frame_skip: int, n: int, threads: int) -> None:
-        model = copy.deepcopy(simulation.model)
-        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR  # they are read from the kinematics model alone
-        self.nq, self.nv, self.frame_skip, self.chunk = model.nq, model.nv, frame_skip, -(-n // threads)
-        self.models, self.kinematics = [model] * n, [simulation.kinematics] * n
-        self.data = [mujoco.MjData(model) for _ in range(threads)]
-        self.kinematics_data = [mujoco.MjData(simulation.kinematics) for _ in range(threads)]
-        self.start = np.empty(mujoco.mj_stateSize(model, _STATE))
-        mujoco.mj_getState(model, self.data[0], self.start, _STATE)
-        self.ctrl = np.zeros((n, frame_skip, model.nu))
-        self.states = np.zeros((n, frame_skip, self.start.size))
-        low = [-np.inf if token.low is None else token.low for token in simulation.tokens.actuators]
-        high = [np.inf if token.high is None else token.high for token in simulation.tokens.actuators]
-        self.bounds = np.array([low, high])
-        types, address = mujoco.mjtJoint, model.jnt_qposadr
-        self.quaternions = [
-            *(int(a) + 3 for a in address[model.jnt_type == types.mjJNT_FREE]),
-            *(int(a) for a in address[model.jnt_type == types.mjJNT_BALL]),
-        ]
-        # Where the file has sensors of its own, the limbs' are a part of what the simulator writes.
-        self.extra = None if model.nsensordata == simulation.limb_sensor.size else simulation.limb_sensor.ravel()
-        self.sensordata = np.zeros((n, 1, model.nsensordata))
-
-    @property
-    def qpos(self) -> np.ndarray:
-        return self.state[:, 1 : 1 + self.nq]
-
-    @property
-    def qvel(self) -> np.ndarray:
-        return self.state[:, 1 + self.nq : 1 + self.nq + self.nv]
-
-    def advance(self, pool: Rollout, ctrl: np.ndarray) -> None:
-        """Step all environments `frame_skip` times with constant controls."""
-        self.ctrl[:] = ctrl.reshape(len(self.state), 1, -1)
-        self._run(pool, self.models, self.data, self.frame_skip, self.state, self.ctrl, self.states, None)
-        self.state[:] = self.states[:, -1]
-
-    def sense(self, pool: Rollout, which: np.ndarray | None = None) -> None:
-        """Fill `sensors` from `state`, of all environments or of those in `which`."""
-        if which is None and self.extra is None:
-            self._run(pool, self.kinematics, self.kinematics_data, 1, self.state, None, None, self.sensors)
-            return
-        state = self.state if which is None else self.state[which]
-        out = self.sensordata[: len(state)]
-        self._run(pool, self.kinematics[: len(state)], self.kinematics_data, 1, state, None, None, out)
-        self.sensors[slice(None) if which is None else which] = out if self.extra is None else out[..., self.extra]
-
-    def draw_start(self, rng: np.random.Generator, task: Task, n: int) -> np.ndarray:
-        """Start states (n, state): the model's own with the task's noise."""
-        state = np.tile(self.start, (n, 1))
-        qpos, qvel = state[:, 1 : 1 + self.nq], state[:, 1 + self.nq : 1 + self.nq + self.nv]
-        qpos += rng.uniform(-task.qpos_noise, task.qpos_noise, qpos.shape)
-        uniform = task.qvel_noise_kind == "uniform"
-        noise = rng.uniform(-1.0, 1.0, qvel.shape) if uniform else rng.standard_normal(qvel.shape)
-        qvel += task.qvel_noise * noise
-        for at in self.quaternions:
-            qpos[:, at : at + 4] /= np.linalg.norm(qpos[:, at : at + 4], axis=1, keepdims=True)
-        return state
-
-    def _run(
-        self, pool: Rollout, models: Any, data: Any, nstep: int, state: Any, ctrl: Any, out: Any, sense: Any
-    ) -> None:
-        # Without a warm start every step is a function of the state alone. Shapes and types were settled above.
-        pool.rollout(
-            models,
-            data,
-            state,
-            ctrl,
-            control_spec=_CTRL,
-            skip_checks=True,
-            nstep=nstep,
-            state=out,
-            sensordata=sense,
-            chunk_size=self.chunk,
-        )
 
 
 def _check(simulations: list[Simulation], tasks: list[Task], num_envs: list[int], observation: str) -> None:

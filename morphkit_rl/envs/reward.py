@@ -21,8 +21,8 @@ class RewardPass:
         simulations: The robots.
         tasks: Their tasks.
         num_envs: Environments of each.
-        state_start: Where in the flat state vector every environment starts, int (environments,); an environment's state is
-            time, qpos, qvel, ...
+        state_start: Where in the flat state vector every environment starts, int (environments,); there stand time,
+            qpos, qvel, ...
         root_row: Row of every environment's root limb in `sensors`, int (environments,).
         sensors: Limb sensors, (rows, 13), which the caller keeps up to date.
     """
@@ -66,7 +66,7 @@ class RewardPass:
         self._tip_scale = per_env(lambda _, t: t.tip_height_weight)[self._tip_env] / tips[:, 4]
 
     def forward(self, state: np.ndarray) -> np.ndarray:
-        """World x of every environment's robot at flat `state`, m, (environments,); 0 on a fixed base's time axis."""
+        """World x of every environment's robot at flat `state`, m, (environments,); meaningless on a fixed base."""
         forward = state.take(self._forward)
         if len(self._free):
             forward[self._free] = self._sensors[self._root_row[self._free], 0]
@@ -123,9 +123,9 @@ def tilt(quaternion: np.ndarray, upright: np.ndarray) -> np.ndarray:
 
 
 def _planar_addresses(simulation: Simulation) -> tuple[int, int, int]:
-    """Index of x, height and pitch in an environment's state; that of nothing that is used unless the base is planar."""
+    """Index of x, height and pitch in an environment's state; of anything unless the base is planar."""
     if simulation.base != "planar":
-        return 1, 1, 1
+        return 0, 0, 0
     x, z, pitch = (1 + int(simulation.model.jnt_qposadr[joint]) for joint in simulation.base_joints)
     return x, z, pitch
 

@@ -37,8 +37,8 @@ class Task:
         tip_height_weight: Weight of the height of the tip above the root's frame, as a share of its reach. The tip is
             the far end of the last limb of the deepest chain, twice as far from its frame as its centre of mass.
         healthy_height: Open interval of the root's height, m, outside which the episode ends; None: no bounds. Measured
-            at the z slide's coordinate of a planar base; at the root's frame above the world's origin for a free one, and
-            where `height_in_world`.
+            at the z slide's coordinate of a planar base; at the root's frame above the world's origin for a free one
+            and where `height_in_world`.
         healthy_share: The same as shares of the start height; `task_for` turns it into `healthy_height`.
         height_in_world: See `healthy_height`.
         healthy_pitch: The episode ends when |pitch| of a planar base, or the tilt of a free one, reaches this, rad.

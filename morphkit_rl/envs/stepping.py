@@ -1,0 +1,190 @@
+"""Buffers of simulated robots, and the threads that advance and sense them through `mujoco.rollout`."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from mujoco.rollout import Rollout
+
+from morphkit.simulation import Simulation
+from morphkit_rl.envs.tasks import Task
+
+_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
+
+
+class Robot:
+    """One robot's models and buffers.
+
+    Attributes:
+        state: (n, size): time, qpos, qvel and what else the simulator keeps; a view into all robots' states.
+        sensors: (n, 1, 13 * limbs): a view into all robots' limb sensors.
+        start: The noise-free start state, (size,).
+        ctrl: (n, frame_skip, actuators), the control of every simulator step.
+        bounds: Lower and upper bounds of the controls, (2, actuators).
+    """
+
+    state: np.ndarray
+    sensors: np.ndarray
+
+    def __init__(self, simulation: Simulation, task: Task, n: int) -> None:
+        self.model = copy.deepcopy(simulation.model)
+        self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR  # they are read from `kinematics` alone
+        self.kinematics = simulation.kinematics
+        self.nq, self.nv, self.frame_skip = self.model.nq, self.model.nv, task.frame_skip or 1
+        self.start = np.empty(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, mujoco.MjData(self.model), self.start, _STATE)
+        self.ctrl = np.zeros((n, self.frame_skip, self.model.nu))
+        self.states = np.zeros((n, self.frame_skip, self.start.size))
+        low = [-np.inf if token.low is None else token.low for token in simulation.tokens.actuators]
+        high = [np.inf if token.high is None else token.high for token in simulation.tokens.actuators]
+        self.bounds = np.array([low, high])
+        # Where the file has sensors of its own, those of the limbs are a part of what the simulator writes.
+        limb_sensor = simulation.limb_sensor.ravel()
+        self.part = None if self.model.nsensordata == limb_sensor.size else limb_sensor
+        self._quaternions = [
+            int(address) + (3 if kind == mujoco.mjtJoint.mjJNT_FREE else 0)
+            for address, kind in zip(self.model.jnt_qposadr, self.model.jnt_type, strict=True)
+            if kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL)
+        ]
+
+    @property
+    def qpos(self) -> np.ndarray:
+        """Coordinates, (n, nq), a view."""
+        return self.state[:, 1 : 1 + self.nq]
+
+    @property
+    def qvel(self) -> np.ndarray:
+        """Velocities, (n, nv), a view."""
+        return self.state[:, 1 + self.nq : 1 + self.nq + self.nv]
+
+    @property
+    def cost(self) -> float:
+        """Roughly what one environment's step costs, to share the work between threads."""
+        runge_kutta = self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+        return (self.frame_skip * (4 if runge_kutta else 1) + 0.5) * (self.nv + 3)
+
+    def draw_start(self, rng: np.random.Generator, task: Task, n: int) -> np.ndarray:
+        """Start states (n, size): the model's own with the task's noise."""
+        state = np.tile(self.start, (n, 1))
+        qpos, qvel = state[:, 1 : 1 + self.nq], state[:, 1 + self.nq : 1 + self.nq + self.nv]
+        qpos += rng.uniform(-task.qpos_noise, task.qpos_noise, qpos.shape)
+        uniform = task.qvel_noise_kind == "uniform"
+        noise = rng.uniform(-1.0, 1.0, qvel.shape) if uniform else rng.standard_normal(qvel.shape)
+        qvel += task.qvel_noise * noise
+        for at in self._quaternions:
+            qpos[:, at : at + 4] /= np.linalg.norm(qpos[:, at : at + 4], axis=1, keepdims=True)
+        return state
+
+
+class _Piece:
+    """Some consecutive environments of a robot, which one thread works on; all arrays are views."""
+
+    def __init__(self, robot: Robot, first: int, last: int) -> None:
+        self.robot, n = robot, last - first
+        self.models, self.data = [robot.model] * n, [mujoco.MjData(robot.model)]
+        self.kinematics, self.kinematics_data = [robot.kinematics] * n, [mujoco.MjData(robot.kinematics)]
+        self.state, self.ctrl, self.states = robot.state[first:last], robot.ctrl[first:last], robot.states[first:last]
+        self.sensors = robot.sensors[first:last]
+        self.sensordata = self.sensors if robot.part is None else np.zeros((n, 1, robot.model.nsensordata))
+
+    def advance(self, pool: Rollout) -> None:
+        # No warm start: a step depends on the state alone. Arrays are C-contiguous float64 of the right shapes.
+        pool.rollout(
+            self.models,
+            self.data,
+            self.state,
+            self.ctrl,
+            skip_checks=True,
+            nstep=self.robot.frame_skip,
+            state=self.states,
+        )
+        self.state[:] = self.states[:, -1]
+
+    def sense(self, pool: Rollout) -> None:
+        pool.rollout(
+            self.kinematics, self.kinematics_data, self.state, skip_checks=True, nstep=1, sensordata=self.sensordata
+        )
+        if self.robot.part is not None:
+            self.sensors[:] = self.sensordata[..., self.robot.part]
+
+
+class _Share(NamedTuple):
+    """What one thread works on."""
+
+    pool: Rollout
+    pieces: list[_Piece]
+
+    def advance_and_sense(self) -> None:
+        for piece in self.pieces:
+            piece.advance(self.pool)
+            piece.sense(self.pool)
+
+    def sense(self) -> None:
+        for piece in self.pieces:
+            piece.sense(self.pool)
+
+
+class Stepper:
+    """Shares environments between threads once and for all.
+
+    MuJoCo's own thread pool would have to be waited for once a robot and call; here every thread goes through its share
+    of all robots and is waited for once a step.
+
+    Args:
+        robots: Robots whose `state` and `sensors` are set.
+        num_threads: How many threads work, the calling one included.
+    """
+
+    def __init__(self, robots: Sequence[Robot], num_threads: int) -> None:
+        total = sum(robot.cost * len(robot.state) for robot in robots)
+        self._shares = [_Share(Rollout(nthread=0), []) for _ in range(num_threads)]
+        before = 0.0
+        for robot in robots:
+            n = len(robot.state)
+            limits = (np.arange(1, num_threads + 1) * total / num_threads - before) / robot.cost
+            cuts = np.clip(np.round(limits), 0, n).astype(int)
+            cuts[-1] = n
+            for share, first, last in zip(self._shares, [0, *cuts[:-1]], cuts, strict=True):
+                if last > first:
+                    share.pieces.append(_Piece(robot, int(first), int(last)))
+            before += robot.cost * n
+        self._shares = [share for share in self._shares if share.pieces]
+        self._threads = ThreadPoolExecutor(len(self._shares) - 1, "morphkit-env") if len(self._shares) > 1 else None
+
+    def advance_and_sense(self) -> None:
+        """Advance all environments by a control step, then fill in all sensors."""
+        helpers = [self._threads.submit(share.advance_and_sense) for share in self._shares[1:]] if self._threads else []
+        self._shares[0].advance_and_sense()
+        for helper in helpers:
+            helper.result()
+
+    def sense(self) -> None:
+        """Fill in all sensors."""
+        for share in self._shares:
+            share.sense()
+
+    def sense_some(self, robot: Robot, which: np.ndarray) -> None:
+        """Fill in the sensors of some of a robot's environments."""
+        piece = next(piece for share in self._shares for piece in share.pieces if piece.robot is robot)
+        out = np.empty((len(which), 1, robot.model.nsensordata))
+        self._shares[0].pool.rollout(
+            [robot.kinematics] * len(which),
+            piece.kinematics_data,
+            np.ascontiguousarray(robot.state[which]),
+            skip_checks=True,
+            nstep=1,
+            sensordata=out,
+        )
+        robot.sensors[which] = out if robot.part is None else out[..., robot.part]
+
+    def close(self) -> None:
+        """Stop the threads."""
+        if self._threads is not None:
+            self._threads.shutdown()
+        for share in self._shares:
+            share.pool.close()
