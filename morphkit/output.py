@@ -22,7 +22,8 @@ def staged_folder(folder: Path) -> Iterator[Path]:
     """Give an empty folder to write into; at the end of the block it takes the place of `folder`.
 
     It lies beside `folder`, on the same file system. An existing `folder` is replaced with all it holds; the caller has
-    to make sure that it may be. A killed run leaves the old folder or the new one. When the block raises, nothing is left.
+    to make sure that it may be. A killed run leaves the old folder or the new one; when the block raises, nothing
+    is left.
 
     Raises:
         OutputError: The folder cannot be written.

@@ -24,7 +24,7 @@ class Defaults:
             self._add(nested, nested.get("class", ""), name)
 
     def get(self, element: Any, attribute: str, fallback: str) -> str:
-        """The value of `attribute` that counts: the element's own, its class's, that of a class above, or `fallback`."""
+        """The value of `attribute` that counts: the element's own, its class's, a higher class's, or `fallback`."""
         own = element.get(attribute)
         if own is not None:
             return str(own)

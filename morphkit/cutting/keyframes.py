@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import warnings
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -35,7 +36,9 @@ class Keyframes:
                 self._names[id(element)] = twin.get("name", "")
         _strip_assets(skeleton)
         try:
-            self._model = mujoco.MjSpec.from_string(etree.tostring(skeleton, encoding="unicode")).compile()
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # they are about the robot, not about its layout
+                self._model = mujoco.MjSpec.from_string(etree.tostring(skeleton, encoding="unicode")).compile()
         except (ValueError, RuntimeError):
             self._model = None
 

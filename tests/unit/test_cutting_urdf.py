@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from morphkit.ablation import Loss, ablate, set_root_height
+from morphkit.description import Description
+from morphkit.errors import AblationError
+from morphkit.robots import load
+
+LEG = b"""<robot name="leg" xmlns:drake="http://drake.mit.edu">
+  <link name="base">INERTIAL</link>
+  <link name="thigh">INERTIAL</link>
+  <link name="shin">INERTIAL</link>
+  <link name="foot">INERTIAL</link>
+  <link name="toe">INERTIAL</link>
+  <link name="tail">INERTIAL</link>
+  <joint name="hip" type="revolute"><parent link="base"/><child link="thigh"/>
+    <origin xyz=".1 .2 .3" rpy=".4 -.5 .6"/><axis xyz="0 1 0"/>LIMIT</joint>
+  <joint name="knee" type="revolute"><parent link="thigh"/><child link="shin"/>
+    <origin xyz="0 .1 -.5" rpy="1 .2 .3"/><axis xyz="0 1 0"/>LIMIT</joint>
+  <joint name="weld" type="fixed"><parent link="shin"/><child link="foot"/><origin xyz="0 0 -.5" rpy="0 .7 0"/></joint>
+  <joint name="curl" type="revolute"><parent link="foot"/><child link="toe"/>
+    <axis xyz="0 1 0"/>LIMIT</joint>
+  <joint name="wag" type="revolute"><parent link="base"/><child link="tail"/>
+    <axis xyz="0 0 1"/>LIMIT
+    <mimic joint="knee" multiplier="2"/></joint>
+  <transmission name="hip_drive"><joint name="hip"/></transmission>
+  <transmission name="knee_drive"><joint name="knee"/></transmission>
+  <gazebo reference="foot"><mu1>1</mu1></gazebo>
+  <gazebo reference="tail"><mu1>1</mu1></gazebo>
+  <gazebo>
+    <plugin name="bumper"><bodyName>foot</bodyName></plugin>
+    <plugin name="states"><joint_name>hip</joint_name><joint_name>knee</joint_name></plugin>
+  </gazebo>
+  <ros2_control name="system" type="system">
+    <hardware><plugin>sim</plugin></hardware>
+    <joint name="knee"/>
+    <joint name="wag"><param name="mimic">knee</param><param name="multiplier">2</param></joint>
+    <sensor name="contact"><param name="frame">foot</param></sensor>
+  </ros2_control>
+  <disable_collisions link1="tail" link2="shin" reason="never"/>
+  <disable_collisions link1="tail" link2="base" reason="adjacent"/>
+  <drake:gear ratio="3"/>
+</robot>
+""".replace(b"LIMIT", b'<limit lower="-1" upper="1" effort="1" velocity="1"/>').replace(
+    b"INERTIAL",
+    b'<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>',
+)
+
+
+def urdf(source: bytes) -> Description:
+    return Description("leg", "leg.urdf", "urdf", source)
+
+
+def kinds(lost: tuple[Loss, ...]) -> set[tuple[str, str]]:
+    return {(loss.kind, loss.name) for loss in lost}
+
+
+def placed(model: mujoco.MjModel) -> mujoco.MjData:
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def test_unknown_urdf_elements_and_comments_survive():
+    source = LEG.replace(b"<drake:gear", b"<!-- a comment --><anything goes='here'/><drake:gear")
+    left = ablate(urdf(source), remove=["shin"]).description
+    assert left.format == "urdf"
+    assert b"<!-- a comment --><anything goes='here'/><drake:gear ratio=\"3\"/>" in left.source
+
+
+def test_what_refers_to_a_urdf_link_goes(plain_spec):
+    variant = ablate(urdf(LEG), remove=["shin"])
+    assert variant.removed == ("shin", "toe")
+    assert variant.limbs == ("base", "thigh", "tail")
+    assert kinds(variant.lost) == {
+        ("joint", "knee"), ("joint", "curl"), ("link", "foot"), ("mimic", "wag"), ("transmission", "knee_drive"),
+        ("gazebo", "foot"), ("gazebo", "bumper"), ("gazebo", "states joint_name"), ("ros2_control", "knee"),
+        ("mimic", "wag"), ("ros2_control", "contact"), ("disable_collisions", "disable_collisions of shin"),
+    }  # fmt: skip
+    for word in (b"knee", b"foot", b"shin", b"toe", b"multiplier", b"bumper"):
+        assert word not in variant.description.source
+    assert b'<disable_collisions link1="tail" link2="base" reason="adjacent"/>' in variant.description.source
+    model = plain_spec(variant.description).compile()
+    assert [model.body(index).name for index in range(1, model.nbody)] == ["base", "thigh", "tail"]
+
+
+def test_a_fixed_link_goes_with_what_hangs_on_it():
+    variant = ablate(urdf(LEG), remove=["foot"])
+    assert variant.removed == ("foot", "toe")
+    assert variant.limbs == ("base", "thigh", "shin", "tail")
+    assert Loss("joint", "curl", "toe", "part of toe") in variant.lost
+    quadruped = ablate(load("quadruped"), remove=["foot"])
+    assert len(quadruped.removed) == 4
+    assert len(quadruped.limbs) == 13
+
+
+def test_splice_of_a_urdf_keeps_orientation_and_puts_origins_where_the_limbs_was(plain_spec):
+    variant = ablate(urdf(LEG), splice=["thigh", "shin"])
+    assert variant.spliced == ("thigh", "shin")
+    assert variant.limbs == ("base", "toe", "tail")
+    old, new = placed(plain_spec(urdf(LEG)).compile()), placed(plain_spec(variant.description).compile())
+    np.testing.assert_allclose(abs(new.body("toe").xquat @ old.body("toe").xquat), 1, atol=1e-12)
+    np.testing.assert_allclose(new.joint("curl").xanchor, old.joint("hip").xanchor, atol=1e-12)
+
+
+def test_a_urdf_has_no_root_height():
+    with pytest.raises(AblationError, match="does not say where its root link is"):
+        set_root_height(load("quadruped"), 0.5)
