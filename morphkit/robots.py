@@ -152,7 +152,12 @@ def _load_file(path: Path, root: str | None) -> Description:
     if listing.is_file():
         from morphkit.manifest import read_manifest
 
-        manifest = read_manifest(listing, check_files=False)
+        try:
+            manifest = read_manifest(listing, check_files=False)
+        except DescriptionError:
+            if b'"variants"' in listing.read_bytes():
+                raise
+            return _describe(path, path.stem, RobotInfo(), root)  # another program's manifest.json
         for variant in manifest.variants:
             if variant.file == path.name:
                 return _describe(path, variant.name, manifest.info, root)
