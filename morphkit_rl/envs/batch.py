@@ -7,6 +7,7 @@ import os
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -118,9 +119,9 @@ class BatchEnv:
             np.unique(self._observe_all.root_row),
             self._observe_all.sensors,
         )
-        self._env_split = np.cumsum(self.num_envs)[:-1]
-        self._obs_split = np.cumsum([n * len(s.sensors) for n, s in zip(self.num_envs, self.specs, strict=True)])[:-1]
-        self._ctrl_split = np.cumsum([n * nu for n, nu in zip(self.num_envs, controls, strict=True)])[:-1]
+        self._envs = _slices(self.num_envs)
+        self._obs = _slices([n * len(spec.sensors) for n, spec in zip(self.num_envs, self.specs, strict=True)])
+        self._ctrl = _slices([n * nu for n, nu in zip(self.num_envs, controls, strict=True)])
         bounds = [np.tile(robot.bounds, (1, n)) for robot, n in zip(self._robots, self.num_envs, strict=True)]
         self._ctrl_low, self._ctrl_high = np.concatenate(bounds, axis=1)
         self._return = np.zeros(sum(self.num_envs))
@@ -171,15 +172,15 @@ class BatchEnv:
         """
         ctrl = self._controls(actions)
         before, forward = self._state.copy(), self._reward.forward(self._state)
-        for robot, control in zip(self._robots, np.split(ctrl, self._ctrl_split), strict=True):
-            robot.ctrl[:] = control.reshape(len(robot.ctrl), 1, -1)
+        for robot, mine in zip(self._robots, self._ctrl, strict=True):
+            robot.ctrl[:] = ctrl[mine].reshape(len(robot.ctrl), 1, -1)
         self._stepper.advance_and_sense()
         diverged = self._undo_diverged(before)
         final = self._observe_all(self._state)
         reward, terminated = self._reward(forward, self._state, ctrl)
         if diverged is not None:
             reward[diverged], terminated[diverged] = 0.0, True
-            self.diverged += [int(part.sum()) for part in np.split(diverged, self._env_split)]
+            self.diverged += [int(diverged[mine].sum()) for mine in self._envs]
         self._return += reward
         self._length += 1
         truncated = (self._length >= self._max_length) & ~terminated
@@ -190,9 +191,9 @@ class BatchEnv:
         return Step(
             obs=final_obs if obs is final else self._split_obs(obs),
             final_obs=final_obs,
-            reward=np.split(reward, self._env_split),
-            terminated=np.split(terminated, self._env_split),
-            truncated=np.split(truncated, self._env_split),
+            reward=[reward[mine] for mine in self._envs],
+            terminated=[terminated[mine] for mine in self._envs],
+            truncated=[truncated[mine] for mine in self._envs],
             episodes=episodes,
         )
 
@@ -215,9 +216,7 @@ class BatchEnv:
             if not np.isfinite(value).all():
                 raise ValueError(f"{name} must be finite")
             target[:] = value
-        first = sum(self.num_envs[:robot])
-        mine = slice(first, first + self.num_envs[robot])
-        self._return[mine] = self._length[mine] = 0
+        self._return[self._envs[robot]] = self._length[self._envs[robot]] = 0
         return self.observe()[robot]
 
     def state(self, robot: int) -> tuple[np.ndarray, np.ndarray]:
@@ -285,24 +284,30 @@ class BatchEnv:
     def _end(self, done: np.ndarray) -> list[Episode]:
         """The episodes that ended; their counters start anew."""
         episodes = []
-        for at in np.flatnonzero(done):
-            robot = int(np.searchsorted(self._env_split, at, side="right"))
-            env = int(at - (self._env_split[robot - 1] if robot else 0))
-            episodes.append(Episode(robot, env, float(self._return[at]), int(self._length[at])))
+        for robot, mine in enumerate(self._envs if done.any() else ()):
+            for env in np.flatnonzero(done[mine]):
+                at = mine.start + env
+                episodes.append(Episode(robot, int(env), float(self._return[at]), int(self._length[at])))
         self._return[done] = self._length[done] = 0
         return episodes
 
     def _restart(self, done: np.ndarray) -> np.ndarray:
         """Draw new start states where `done`; flat observations with theirs in place."""
-        for i, (robot, ended) in enumerate(zip(self._robots, np.split(done, self._env_split), strict=True)):
-            which = np.flatnonzero(ended)
+        for i, (robot, mine) in enumerate(zip(self._robots, self._envs, strict=True)):
+            which = np.flatnonzero(done[mine])
             if len(which):
                 robot.state[which] = robot.draw_start(self._rngs[i], self.tasks[i], len(which))
                 self._stepper.sense_some(robot, which)
         return self._observe_all(self._state)
 
     def _split_obs(self, flat: np.ndarray) -> list[np.ndarray]:
-        return [part.reshape(n, -1) for part, n in zip(np.split(flat, self._obs_split), self.num_envs, strict=True)]
+        return [flat[mine].reshape(n, -1) for mine, n in zip(self._obs, self.num_envs, strict=True)]
+
+
+def _slices(sizes: Sequence[int]) -> list[slice]:
+    """Where parts of these sizes lie, one behind the other."""
+    ends = np.cumsum([0, *sizes]).tolist()
+    return [slice(first, last) for first, last in pairwise(ends)]
 
 
 def _check(simulations: list[Simulation], tasks: list[Task], num_envs: list[int], observation: str) -> None:
