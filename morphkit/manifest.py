@@ -171,9 +171,9 @@ def _check_target(folder: Path, source: Description, force: bool) -> None:
     if not folder.exists():
         return
     kept = [Path.cwd(), Path.home(), *([source.folder] if source.folder is not None else [])]
-    if any(path.resolve().is_relative_to(folder.resolve()) for path in kept) and any(folder.iterdir()):
+    if any(path.resolve().is_relative_to(folder.resolve()) for path in kept):
         raise OutputError(
-            f"{folder}: holds the current folder, the home folder or the robot itself; choose another one"
+            f"{folder}: is or holds the current folder, the home folder or the robot itself; choose another"
         )
     if force:
         return
