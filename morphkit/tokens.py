@@ -135,6 +135,11 @@ class TokenSpec:
         """Index into `limbs` of every actuator token, int64 (actuators,); -1 where it drives no single limb."""
         return self._limb_indices([actuator.limb for actuator in self.actuators])
 
+    @cached_property
+    def texts(self) -> tuple[str, ...]:
+        """What the text encoder reads: the sensors' texts, then the actuators'."""
+        return (*(sensor.text for sensor in self.sensors), *(actuator.text for actuator in self.actuators))
+
     def to_json(self) -> str:
         """This specification as JSON, schema version 1; the same robot gives the same bytes."""
         return tokens_io.to_json(self)

@@ -72,7 +72,8 @@ class Policy:
             raise CheckpointError(f"{folder / 'policy.safetensors'}: lacks {error}") from None
         if embedder.mean.shape != (encoder.size,):
             raise CheckpointError(
-                f"{folder}: made with embeddings of size {embedder.mean.size}; {config.text.encoder!r} gives {encoder.size}"
+                f"{folder}: made with embeddings of size {embedder.mean.size}; "
+                f"{config.text.encoder!r} gives {encoder.size}"
             )
         actor, _ = build(config.model, encoder.size)
         checkpoint.load_modules({"actor": actor}, arrays, folder / "policy.safetensors")
@@ -94,7 +95,8 @@ class Policy:
         obs = np.asarray(obs, dtype=np.float32)
         if obs.ndim not in (1, 2) or obs.shape[-1] != len(spec.sensors):
             raise ConfigError(
-                f"{spec.morphology}: expected observations of width {len(spec.sensors)}, got an array of shape {obs.shape}"
+                f"{spec.morphology}: expected observations of width {len(spec.sensors)}, "
+                f"got an array of shape {obs.shape}"
             )
         layout, scale, shift, actions = self._prepare(spec)
         with torch.no_grad():
@@ -103,7 +105,7 @@ class Policy:
         return actions.to_controls(action).astype(np.float32).reshape(*obs.shape[:-1], -1)
 
     def _prepare(self, spec: TokenSpec) -> tuple[Layout, torch.Tensor, torch.Tensor, ActionScale]:
-        key = (spec.sha256, spec.naming, *(token.text for token in (*spec.sensors, *spec.actuators)))
+        key = (spec.sha256, spec.naming, *spec.texts)
         if key not in self._prepared:
             if spec.naming != self.config.text.naming:
                 warnings.warn(

@@ -109,6 +109,8 @@ def read(run: Path) -> dict[str, Any]:
         CheckpointError: It is missing or damaged.
     """
     path = run / "config.json"
+    if not run.is_dir():
+        raise CheckpointError(f"{run}: no such run folder")
     if not path.is_file():
         raise CheckpointError(f"{run}: not a run folder: it has no config.json")
     try:
@@ -143,7 +145,7 @@ def make_encoder(config: TrainConfig) -> TextEncoder:
 
 def texts_digest(specs: Sequence[TokenSpec]) -> str:
     """SHA-256 over the token texts of all robots, in order."""
-    texts = [[token.text for token in (*spec.sensors, *spec.actuators)] for spec in specs]
+    texts = [spec.texts for spec in specs]
     return hashlib.sha256(json.dumps(texts).encode()).hexdigest()
 
 

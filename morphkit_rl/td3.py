@@ -68,8 +68,8 @@ class TD3:
         obs = normalize(self._tensor(batch.obs), scale, shift)
         next_obs = normalize(self._tensor(batch.next_obs), scale, shift)
         action = self._tensor(batch.action)
-        noise = rng.standard_normal(action.shape, dtype=np.float32) * self.config.target_noise
-        noise = self._tensor(noise.clip(-self.config.target_noise_clip, self.config.target_noise_clip))
+        drawn = rng.standard_normal(action.shape, dtype=np.float32) * self.config.target_noise
+        noise = self._tensor(drawn.clip(-self.config.target_noise_clip, self.config.target_noise_clip))
         with torch.no_grad():
             next_action = (self.actor_target(next_obs, layout) + noise).clamp(-1, 1)
             next_q = self.critic_target(next_obs, next_action, layout).amin(0)

@@ -173,7 +173,7 @@ class Trainer:
             seed=settings.seed,
         )
         specs = [robot.spec for robot in self.robots]
-        texts = [token.text for spec in specs for token in (*spec.sensors, *spec.actuators)]
+        texts = [text for spec in specs for text in spec.texts]
         self.embedder = TokenEmbedder.fit(runs.make_encoder(config), texts)
         self.layout = build_layout(specs, self.embedder, settings.device)
         self.learner = TD3(
@@ -269,7 +269,7 @@ class Trainer:
         return min(max(shares), 1.0)
 
     def returns(self) -> dict[str, float]:
-        """Mean return of each robot's latest episodes, with exploration noise; robots without an episode are left out."""
+        """Mean return of each robot's latest episodes, with exploration noise; robots without one are left out."""
         pairs = zip(self.robots, self.recent, strict=True)
         return {robot.name: float(np.mean(recent)) for robot, recent in pairs if recent}
 

@@ -90,7 +90,7 @@ def build_layout(
         embed: Texts to float32 embeddings (texts, size).
         device: Where the tensors live.
     """
-    texts = list(dict.fromkeys(token.text for spec in specs for token in (*spec.sensors, *spec.actuators)))
+    texts = list(dict.fromkeys(text for spec in specs for text in spec.texts))
     text_index = {text: index for index, text in enumerate(texts)}
     limb_counts = [len(spec.limbs) for spec in specs]
     limb_offset = np.concatenate([[0], np.cumsum(limb_counts)])
