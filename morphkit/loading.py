@@ -10,6 +10,7 @@ import mujoco
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
 from morphkit.io import resolve, xml
+from morphkit.io.mjcf import name_elements
 
 MUJOCO_MESHES = {".stl", ".obj", ".msh"}
 
@@ -21,7 +22,8 @@ def load_spec(description: Description) -> tuple[mujoco.MjSpec, tuple[str, ...]]
     visuals survive. A mesh that only decorates (no contact, no part in masses) is dropped where it cannot be found.
 
     Returns:
-        The spec and one sentence for each thing that was dropped.
+        The spec, its bodies, joints and actuators all named as the reader names them; and one sentence for each thing
+        that was dropped.
 
     Raises:
         DescriptionError: MuJoCo cannot parse the file.
@@ -31,12 +33,15 @@ def load_spec(description: Description) -> tuple[mujoco.MjSpec, tuple[str, ...]]
     references: dict[str, str] = {}
     if description.format == "urdf":
         references = _prepare_urdf(tree.getroot())
-    elif description.folder is not None:
-        resolve.flatten_includes(tree, description.folder)
+    else:
+        resolve.flatten_includes(tree, description.folder, file=description.file)
+        for model in tree.iterfind("asset/model[@file]"):
+            model.set("file", str(_find(model.get("file") or "", description)))
     try:
         spec = mujoco.MjSpec.from_string(xml.serialize(tree).decode())
     except ValueError as error:
         raise DescriptionError(f"{description.file}: MuJoCo cannot read it: {error}") from error
+    name_elements(spec)
     notes = [*_resolve_meshes(spec, description, references), *_resolve_images(spec, description)]
     spec.meshdir = spec.texturedir = ""
     return spec, tuple(notes)

@@ -14,6 +14,7 @@ from morphkit.completion import NUMBERS_PER_LIMB
 from morphkit.description import Description
 from morphkit.errors import ConfigError, DescriptionError
 from morphkit.io import read
+from morphkit.io.mjcf import subtree
 from morphkit.loading import compile_spec, load_spec
 from morphkit.morphology import Base, Morphology
 from morphkit.tokens import TokenSpec, tokens
@@ -89,14 +90,14 @@ def build(description: Description, *, base: Base | None = None) -> Simulation:
     morphology = read(description)
     spec, dropped = load_spec(description)
     root = _find_root(spec, morphology)
-    own_base = _base_of(root)
+    own_base = morphology.base if list(root.joints) else None
     if own_base is not None and base is not None and base != own_base:
         raise ConfigError(
             f"{description.file}: base {base!r} was asked for, but joints of {root.name!r} make it {own_base}; "
             "leave the base out"
         )
     morphology = replace(morphology, base=own_base or base or morphology.base)
-    limbs = _name_limbs(root, morphology)
+    limbs = _limb_names(root, morphology)
     notes = [*dropped, *_complete(spec, root, morphology, own_base, description)]
     completion.add_limb_sensors(spec, limbs)
     model = compile_spec(spec, description.file)
@@ -143,39 +144,25 @@ def _complete(
 
 
 def _find_root(spec: mujoco.MjSpec, morphology: Morphology) -> Any:
-    name = morphology.root.name
-    top = list(spec.worldbody.bodies)
-    match = next((body for body in spec.bodies if body.name == name), top[0] if len(top) == 1 else None)
-    if match is None:
-        raise DescriptionError(f"{morphology.file}: MuJoCo's importer made no body of root {name!r}")
-    return match
-
-
-def _base_of(root: Any) -> Base | None:
-    """What kind of base the root's own joints make; None where it has none."""
-    joints = list(root.joints)
-    if not joints:
-        return None
-    return "free" if joints[0].type == mujoco.mjtJoint.mjJNT_FREE else "planar" if len(joints) == 3 else "fixed"
-
-
-def _name_limbs(root: Any, morphology: Morphology) -> list[str]:
-    """Names of the limbs' bodies in limb order; bodies without a name get the limb's."""
-
-    def limbs_below(body: Any) -> list[Any]:
-        below = [limb for child in body.bodies for limb in limbs_below(child)]
-        return [body, *below] if body is root or list(body.joints) else below
-
-    bodies = limbs_below(root)
-    if len(bodies) != len(morphology.limbs):
+    root = spec.body(morphology.root.name)
+    if root is None:
+        names = ", ".join(body.name for body in spec.bodies)
         raise DescriptionError(
-            f"{morphology.file}: MuJoCo sees {len(bodies)} bodies with joints where the file has "
-            f"{len(morphology.limbs)} limbs; bodies that only exist after replicate or attach must be written out first"
+            f"{morphology.file}: MuJoCo made no body of root {morphology.root.name!r}; it made {names}"
         )
-    for body, limb in zip(bodies, morphology.limbs, strict=True):
-        if not body.name:
-            body.name = limb.name
-    return [body.name for body in bodies]
+    return root
+
+
+def _limb_names(root: Any, morphology: Morphology) -> list[str]:
+    """Names of the limbs' bodies in limb order, checked against what MuJoCo made of the file."""
+    made = [body.name for body in subtree(root) if body is root or list(body.joints)]
+    names = [limb.name for limb in morphology.limbs]
+    if made != names:
+        raise DescriptionError(
+            f"{morphology.file}: MuJoCo makes the limbs {', '.join(made)} of the file, but it was read as "
+            f"{', '.join(names)}; write out what replicate or attach makes"
+        )
+    return names
 
 
 def _kinematics(model: mujoco.MjModel) -> mujoco.MjModel:

@@ -95,34 +95,21 @@ class BatchEnv:
         _check(self.simulations, self.tasks, self.num_envs, observation)
         self.specs: list[TokenSpec] = [simulation.tokens for simulation in simulations]
         self.diverged = np.zeros(len(simulations), np.int64)
-        self._robots = [
-            Robot(simulation, task, n) for simulation, task, n in zip(simulations, tasks, self.num_envs, strict=True)
-        ]
+        self._robots = [Robot(*robot) for robot in zip(simulations, tasks, self.num_envs, strict=True)]
         sizes = [robot.start.size for robot in self._robots]
-        offsets = np.concatenate([[0], np.cumsum([n * size for n, size in zip(self.num_envs, sizes, strict=True)])])
-        self._state = np.zeros(offsets[-1])
-        self._observe_all = ObservationPass(simulations, self.num_envs, offsets[:-1].tolist(), sizes, observation)
-        sensors, first_row = self._observe_all.sensors.reshape(-1), self._observe_all.first_row
-        width = self._observe_all.sensors.shape[1]
-        for i, robot in enumerate(self._robots):
-            robot.state = self._state[offsets[i] : offsets[i + 1]].reshape(-1, sizes[i])
-            own = sensors[first_row[i] * width : first_row[i + 1] * width]
-            robot.sensors = own.reshape(self.num_envs[i], 1, -1)
-            robot.state[:] = robot.start
-        controls = [robot.ctrl.shape[2] for robot in self._robots]
-        starts = [offset + np.arange(n) * size for offset, n, size in zip(offsets, self.num_envs, sizes)]  # noqa: B905
-        self._reward = RewardPass(
-            simulations,
-            tasks,
-            self.num_envs,
-            np.concatenate(starts),
-            np.unique(self._observe_all.root_row),
-            self._observe_all.sensors,
-        )
+        states = _slices([n * size for n, size in zip(self.num_envs, sizes, strict=True)])
+        self._state = np.concatenate([np.tile(robot.start, len(robot.ctrl)) for robot in self._robots])
+        starts = [np.arange(part.start, part.stop, size) for part, size in zip(states, sizes, strict=True)]
+        self._observe_all = ObservationPass(simulations, starts, observation)
+        rows = _slices([n * len(s.limb_body) for n, s in zip(self.num_envs, simulations, strict=True)])
+        for robot, part, mine, n in zip(self._robots, states, rows, self.num_envs, strict=True):
+            robot.state = self._state[part].reshape(n, -1)
+            robot.sensors = self._observe_all.sensors[mine].reshape(n, 1, -1)
+        self._reward = RewardPass(simulations, tasks, starts, self._observe_all.roots, self._observe_all.sensors)
         self._envs = _slices(self.num_envs)
         self._obs = _slices([n * len(spec.sensors) for n, spec in zip(self.num_envs, self.specs, strict=True)])
-        self._ctrl = _slices([n * nu for n, nu in zip(self.num_envs, controls, strict=True)])
-        bounds = [np.tile(robot.bounds, (1, n)) for robot, n in zip(self._robots, self.num_envs, strict=True)]
+        self._ctrl = _slices([n * len(spec.actuators) for n, spec in zip(self.num_envs, self.specs, strict=True)])
+        bounds = [np.tile(robot.bounds, len(robot.ctrl)) for robot in self._robots]
         self._ctrl_low, self._ctrl_high = np.concatenate(bounds, axis=1)
         self._return = np.zeros(sum(self.num_envs))
         self._length = np.zeros(sum(self.num_envs), np.int64)
@@ -209,13 +196,13 @@ class BatchEnv:
             The observations there, float32 (n, tokens).
         """
         own = self._robots[robot]
-        own.state[:] = own.start
         for name, value, target in (("qpos", qpos, own.qpos), ("qvel", qvel, own.qvel)):
             if np.shape(value) != target.shape:
                 raise ValueError(f"{name} must have shape {target.shape}, not {np.shape(value)}")
             if not np.isfinite(value).all():
                 raise ValueError(f"{name} must be finite")
-            target[:] = value
+        own.state[:] = own.start
+        own.qpos[:], own.qvel[:] = qpos, qvel
         self._return[self._envs[robot]] = self._length[self._envs[robot]] = 0
         return self.observe()[robot]
 
@@ -225,13 +212,13 @@ class BatchEnv:
 
     def state_dict(self) -> dict[str, np.ndarray]:
         """Everything that an exact continuation needs, as arrays; `observe` gives the observations back."""
-        generators = json.dumps([rng.bit_generator.state for rng in self._rngs])
+        generators = [[s.name, rng.bit_generator.state] for s, rng in zip(self.simulations, self._rngs, strict=True)]
         return {
             "state": self._state.copy(),
             "return": self._return.copy(),
             "length": self._length.copy(),
             "diverged": self.diverged.copy(),
-            "generators": np.frombuffer(generators.encode(), np.uint8).copy(),
+            "generators": np.frombuffer(json.dumps(generators).encode(), np.uint8).copy(),
         }
 
     def load_state_dict(self, state: dict[str, np.ndarray]) -> None:
@@ -245,9 +232,12 @@ class BatchEnv:
             if key not in state or np.shape(state[key]) != target.shape:
                 raise ConfigError(f"environment state {key!r} does not fit these robots and numbers of environments")
         generators = json.loads(bytes(np.asarray(state["generators"], np.uint8)).decode())
+        if [name for name, _ in generators] != [simulation.name for simulation in self.simulations]:
+            names = ", ".join(name for name, _ in generators)
+            raise ConfigError(f"environment state does not fit these robots: it belongs to {names}")
         for key, target in own.items():
             target[:] = state[key]
-        for rng, generator in zip(self._rngs, generators, strict=True):
+        for rng, (_, generator) in zip(self._rngs, generators, strict=True):
             rng.bit_generator.state = generator
         self._stepper.sense()
 

@@ -29,63 +29,59 @@ class ObservationPass:
 
     Args:
         simulations: The robots.
-        num_envs: Environments of each.
-        state_offset: Where in the flat state vector each robot's first environment starts.
-        state_size: Length of one environment's state: time, qpos, qvel and what else the simulator keeps.
+        state_start: Where in the flat state vector each environment of each robot starts, one int (n,) a robot; there
+            stand time, qpos, qvel and what else the simulator keeps.
         observation: `fixed`, or `legacy`: two defects of the published code. There, limbs other than the root report
             absolute world x, and the root's z velocity gains (world rotational velocity about y) * (world x), before
             the clip; limb types are matched against body names whatever the family says.
+
+    Attributes:
+        sensors: See above; the caller keeps them up to date.
+        roots: Row of the root limb of every environment, int (environments,).
     """
 
     def __init__(
-        self,
-        simulations: Sequence[Simulation],
-        num_envs: Sequence[int],
-        state_offset: Sequence[int],
-        state_size: Sequence[int],
-        observation: Observation,
+        self, simulations: Sequence[Simulation], state_start: Sequence[np.ndarray], observation: Observation
     ) -> None:
-        self.legacy = observation == "legacy"
-        rows = [len(simulation.limb_body) for simulation in simulations]
-        self.first_row = np.concatenate([[0], np.cumsum([n * limbs for n, limbs in zip(num_envs, rows, strict=True)])])
-        self.sensors = np.zeros((int(self.first_row[-1]), NUMBERS_PER_LIMB))
-        self.root_row = np.concatenate(
-            [first + np.repeat(np.arange(n) * limbs, limbs) for first, n, limbs in zip(self.first_row, num_envs, rows)]  # noqa: B905
-        ).astype(np.intp)
-        self._roots = np.unique(self.root_row)
+        self._legacy = observation == "legacy"
+        num_envs = [len(start) for start in state_start]
+        limbs = np.repeat([len(simulation.limb_body) for simulation in simulations], num_envs)
+        self.sensors = np.zeros((int(limbs.sum()), NUMBERS_PER_LIMB))
+        self.roots = np.cumsum(limbs) - limbs
+        self._root_of = np.repeat(self.roots, limbs)
         joints = [_joint_table(simulation) for simulation in simulations]
-        self._angle_state = np.concatenate(
-            [
-                (offset + 1 + np.arange(n)[:, None] * size + table[:, 0].astype(np.intp)).ravel()
-                for table, n, offset, size in zip(joints, num_envs, state_offset, state_size, strict=True)
-            ]
-        )
+        addresses = [
+            (start[:, None] + 1 + table[:, 0].astype(np.intp)).ravel()
+            for start, table in zip(state_start, joints, strict=True)
+        ]
+        self._angle_state = np.concatenate(addresses)
         angles = np.concatenate([np.tile(table, (n, 1)) for table, n in zip(joints, num_envs, strict=True)])
         self._angle_low, self._angle_scale = angles[:, 1], angles[:, 2]
         self._wrapped = np.flatnonzero(angles[:, 3] == 1)
         self._balls = np.flatnonzero(angles[:, 3] == 2)
-        self._fill_source(simulations, num_envs, rows, [len(table) for table in joints])
+        self._fill_source(simulations, num_envs, [len(table) for table in joints])
 
-    def _fill_source(
-        self, simulations: Sequence[Simulation], num_envs: Sequence[int], limbs: Sequence[int], joints: Sequence[int]
-    ) -> None:
+    def _fill_source(self, simulations: Sequence[Simulation], num_envs: Sequence[int], joints: Sequence[int]) -> None:
         """Allocate the source buffer, fill in its constants, and lay down where each token comes from."""
         first_angle = len(self.sensors) * _FEATURES
-        next_angle, constants, gather = first_angle, [np.zeros(0)], []
-        next_constant = first_angle + len(self._angle_state)
-        for robot, simulation in enumerate(simulations):
-            start, section, values = _token_sources(simulation, legacy=self.legacy)
-            origin = np.array([next_constant, int(self.first_row[robot]) * _FEATURES, next_angle])[section]
-            step = np.array([0, limbs[robot] * _FEATURES, joints[robot]])[section]
-            gather.append((origin + start + np.arange(num_envs[robot])[:, None] * step).ravel())
+        first_constant = first_angle + len(self._angle_state)
+        next_feature, next_angle, next_constant = 0, first_angle, first_constant
+        constants, gather = [np.zeros(0)], []
+        for simulation, n, n_joints in zip(simulations, num_envs, joints, strict=True):
+            start, section, values = _token_sources(simulation, legacy=self._legacy)
+            n_features = len(simulation.limb_body) * _FEATURES
+            # Sections are numbered so that they index these: 0 constants, 1 features, -1 angles.
+            origin = np.array([next_constant, next_feature, next_angle])[section]
+            step = np.array([0, n_features, n_joints])[section]
+            gather.append((origin + start + np.arange(n)[:, None] * step).ravel())
             constants.append(values)
+            next_feature, next_angle = next_feature + n * n_features, next_angle + n * n_joints
             next_constant += len(values)
-            next_angle += num_envs[robot] * joints[robot]
         self._source = np.zeros(next_constant, np.float32)
-        self._source[first_angle + len(self._angle_state) :] = np.concatenate(constants)
+        self._source[first_constant:] = np.concatenate(constants)
         self._features = self._source[:first_angle].reshape(-1, _FEATURES)
-        self._angles = self._source[first_angle : first_angle + len(self._angle_state)]
-        self._gather = np.concatenate(gather).astype(np.intp)
+        self._angles = self._source[first_angle:first_constant]
+        self._gather = np.concatenate(gather)
 
     def __call__(self, state: np.ndarray) -> np.ndarray:
         """Token values of all environments, float32, flat, a new array; `sensors` must hold those of `state`."""
@@ -93,14 +89,14 @@ class ObservationPass:
         features[:, 1:3] = sensors[:, 1:3]
         np.clip(sensors[:, 3:6], -VELOCITY_LIMIT, VELOCITY_LIMIT, out=features[:, 3:6], casting="same_kind")
         features[:, 6:9] = sensors[:, 6:9]
-        if self.legacy:
-            roots = self._roots
+        if self._legacy:
+            roots = self.roots
             features[:, 0] = sensors[:, 0]
             features[roots, 0] = 0.0
             lifted = sensors[roots, 5] + sensors[roots, 7] * sensors[roots, 0]
             features[roots, 5] = np.clip(lifted, -VELOCITY_LIMIT, VELOCITY_LIMIT)
         else:
-            np.subtract(sensors[:, 0], sensors[self.root_row, 0], out=features[:, 0], casting="same_kind")
+            np.subtract(sensors[:, 0], sensors[self._root_of, 0], out=features[:, 0], casting="same_kind")
         exponential_map(sensors[:, 9:13], out=features[:, 9:12])
         angles = state.take(self._angle_state)
         if len(self._balls):

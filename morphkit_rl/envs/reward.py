@@ -20,9 +20,8 @@ class RewardPass:
     Args:
         simulations: The robots.
         tasks: Their tasks.
-        num_envs: Environments of each.
-        state_start: Where in the flat state vector every environment starts, int (environments,); there stand time,
-            qpos, qvel, ...
+        state_start: Where in the flat state vector each environment of each robot starts, one int (n,) a robot; there
+            stand time, qpos, qvel and what else the simulator keeps.
         root_row: Row of every environment's root limb in `sensors`, int (environments,).
         sensors: Limb sensors, (rows, 13), which the caller keeps up to date.
     """
@@ -31,19 +30,20 @@ class RewardPass:
         self,
         simulations: Sequence[Simulation],
         tasks: Sequence[Task],
-        num_envs: Sequence[int],
-        state_start: np.ndarray,
+        state_start: Sequence[np.ndarray],
         root_row: np.ndarray,
         sensors: np.ndarray,
     ) -> None:
         robots = list(zip(simulations, tasks, strict=True))
+        num_envs = [len(start) for start in state_start]
+        env_start = np.concatenate(state_start)
 
         def per_env(value: Callable[[Simulation, Task], object]) -> np.ndarray:
             return np.repeat(np.array([value(simulation, task) for simulation, task in robots]), num_envs, axis=0)
 
         self._sensors, self._root_row = sensors, root_row
         address = per_env(lambda simulation, _: _planar_addresses(simulation))
-        self._forward, self._height, self._pitch = (state_start[:, None] + address).T
+        self._forward, self._height, self._pitch = (env_start[:, None] + address).T
         self._height_offset = per_env(_height_offset)
         self._speed_weight = per_env(lambda s, t: t.forward_weight / ((t.frame_skip or 1) * s.model.opt.timestep))
         self._alive = per_env(lambda _, t: t.alive_bonus)
@@ -54,7 +54,7 @@ class RewardPass:
         self._upright = per_env(lambda s, _: start_pose(s)[3:])[self._free]
         self._bounded = np.flatnonzero(np.isfinite(self._max_state))
         size = per_env(lambda s, _: s.model.nq + s.model.nv)
-        self._state_span = np.stack([state_start + 3, state_start + 1 + size], axis=1)[self._bounded].ravel()
+        self._state_span = np.stack([env_start + 3, env_start + 1 + size], axis=1)[self._bounded].ravel()
         env = np.arange(sum(num_envs))
         self._ctrl_env = np.repeat(env, per_env(lambda s, _: len(s.tokens.actuators)))
         weights = [np.tile(_control_weights(s, t), n) for (s, t), n in zip(robots, num_envs, strict=True)]
