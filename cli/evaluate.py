@@ -115,6 +115,7 @@ def _film(run: Path, bodies: Sequence[Description], video: Path, *, seed: int, t
 
     for body in bodies:
         path = video if len(bodies) == 1 else video.with_name(f"{video.stem}-{body.name}{video.suffix}")
+        typer.echo(f"filming {body.name}", err=True)
         simulation, qpos, fps = record(run, body, seed=seed, task=task, base=base)
         try:
             write_video(render(simulation, qpos, width=VIDEO_WIDTH, height=VIDEO_HEIGHT), path, fps)
