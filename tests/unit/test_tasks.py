@@ -177,3 +177,12 @@ def test_raise_pays_the_height_of_the_tip(angle: float, share: float) -> None:
     reward, terminated, _ = one_step(simulation, task, 0.0, np.array([angle]))
     assert reward == pytest.approx(share, abs=1e-6)
     assert not terminated
+
+
+def test_pitch_bound_is_strict() -> None:
+    simulation = body("planar")
+    task = replace(task_for(simulation), healthy_height=None, healthy_pitch=3.0)
+    start = simulation.model.qpos0 + np.array([0, 1.0, -0.4, 0])
+    pitch = abs(float(one_step(simulation, task, 0.0, start)[2][2]))
+    assert one_step(simulation, replace(task, healthy_pitch=pitch), 0.0, start)[1]
+    assert not one_step(simulation, replace(task, healthy_pitch=np.nextafter(pitch, 4)), 0.0, start)[1]
