@@ -42,10 +42,8 @@ def limb_scalars(limb: Limb, labels: Mapping[str, str]) -> Iterator[Scalar]:
 
 
 def _joint_units(joint: Joint | None) -> dict[str, str]:
-    slide = joint is not None and joint.kind == "slide"
-    # An unlimited slide has no range to be a share of: its angle token is its position.
-    angle = "m" if slide and joint is not None and not joint.limited else "1"
-    return {"angle": angle, "joint_range_low": "m" if slide else "1", "joint_range_high": "m" if slide else "1"}
+    unit = "m" if joint is not None and joint.kind == "slide" else "1"
+    return dict.fromkeys(("angle", "joint_range_low", "joint_range_high"), unit)
 
 
 def limb_labels(

@@ -129,18 +129,18 @@ def exponential_map(quaternion: np.ndarray, out: np.ndarray | None = None) -> np
 def _joint_table(simulation: Simulation) -> np.ndarray:
     """One row an angle token: qpos index, what to subtract, what to multiply by, kind (0 plain, 1 wrapped, 2 ball).
 
-    A limited joint gives the share of its range (a ball joint: of its largest rotation). An unlimited hinge gives its
-    angle wrapped to [-pi, pi) over 2 pi; an unlimited slide metres, as if its range were 0 to 1 m.
+    A limited joint gives the share of its range (a ball joint: of its largest rotation), an unlimited hinge its angle
+    wrapped to [-pi, pi) over 2 pi, and a slide its position in m.
     """
     model, rows = simulation.model, []
     for joint in (joint for joints in simulation.limb_joints for joint in joints):
         low, high = model.jnt_range[joint]
         address, kind = model.jnt_qposadr[joint], model.jnt_type[joint]
-        if model.jnt_limited[joint]:
+        if kind == mujoco.mjtJoint.mjJNT_SLIDE:
+            rows.append((address, 0.0, 1.0, 0))
+        elif model.jnt_limited[joint]:
             ball = kind == mujoco.mjtJoint.mjJNT_BALL
             rows.append((address, low, 1 / (high - low) if high > low else 0.0, 2 * ball))
-        elif kind == mujoco.mjtJoint.mjJNT_SLIDE:
-            rows.append((address, 0.0, 1.0, 0))
         else:
             rows.append((address, 0.0, 1 / _TAU, 2 if kind == mujoco.mjtJoint.mjJNT_BALL else 1))
     return np.array(rows, dtype=float).reshape(-1, 4)

@@ -228,7 +228,7 @@ def test_angles_of_unusual_joints() -> None:
         "wheel_angle": -0.25,
         "wheel_joint_range_low": 0.0,
         "wheel_joint_range_high": 1.0,
-        "drawer_angle": 0.5,
+        "drawer_angle": 0.2,
         "drawer_joint_range_low": -0.2,
         "drawer_joint_range_high": 0.6,
         "rail_angle": 3.5,

@@ -78,7 +78,7 @@ def test_token_limb_and_actuator_limb_say_what_belongs_where() -> None:
         ("base_type_3", ("type", "3", "1", None, None, None)),
         ("base_angle", ("angle", None, "1", None, None, None)),
         ("shoulder_shoulder_lift_joint_range_low", ("joint_range_low", None, "1", None, None, None)),
-        ("lhand_angle", ("angle", None, "1", None, None, None)),
+        ("lhand_angle", ("angle", None, "m", None, None, None)),
         ("lhand_joint_range_high", ("joint_range_high", None, "m", None, None, None)),
     ],
 )
@@ -235,8 +235,9 @@ def test_an_option_with_another_value_is_refused(option: str) -> None:
         tokens(ARM, **{option: "both"})  # type: ignore[arg-type]
 
 
-def test_an_unlimited_slide_is_in_metres_throughout() -> None:
-    joint = Joint("rail", "slide", False, 0.0, 0.0)
+@pytest.mark.parametrize("limited", [True, False])
+def test_a_slide_is_in_metres_throughout(limited: bool) -> None:
+    joint = Joint("rail", "slide", limited, -0.5 * limited, 1.0 * limited)
     spec = tokens(make((Limb("base", None, (), ("base",)), Limb("cart", "base", (joint,), ("cart",)))))
     assert [sensor.unit for sensor in spec.sensors[-3:]] == ["m", "m", "m"]
 
