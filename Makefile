@@ -49,7 +49,7 @@ imports: $(STAMP)
 	$(BIN)/lint-imports
 
 bench: $(STAMP)
-	@for program in benchmarks/*.py; do $(BIN)/python $$program || exit $$?; done
+	@status=0; for program in benchmarks/*.py; do $(BIN)/python $$program || status=1; done; exit $$status
 
 clean:
 	rm -rf demo build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

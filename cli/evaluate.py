@@ -110,15 +110,16 @@ def _print_table(found: Sequence[RobotResult]) -> None:
 
 def _film(run: Path, bodies: Sequence[Description], video: Path, *, seed: int, task: str | None, base: Any) -> None:
     from morphkit.errors import DependencyError
-    from morphkit.viewing import render, write_video
+    from morphkit.viewing import render_frames, resample, write_video
     from morphkit_rl.evaluation import record
 
     for body in bodies:
         path = video if len(bodies) == 1 else video.with_name(f"{video.stem}-{body.name}{video.suffix}")
         typer.echo(f"filming {body.name}", err=True)
         simulation, qpos, fps = record(run, body, seed=seed, task=task, base=base)
+        poses, fps = resample(qpos, fps)
         try:
-            write_video(render(simulation, qpos, width=VIDEO_WIDTH, height=VIDEO_HEIGHT), path, fps)
+            write_video(render_frames(simulation, poses, width=VIDEO_WIDTH, height=VIDEO_HEIGHT), path, fps)
         except DependencyError as error:
             typer.secho("warning:", fg="yellow", bold=True, nl=False, err=True)
             typer.echo(f" no video: {error}", err=True)

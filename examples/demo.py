@@ -14,10 +14,12 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
+
+from morphkit_cli.table import table
 
 ROBOT = "cheetah"
 HELD_OUT = "cheetah-no-fshin"
@@ -71,22 +73,25 @@ def add_scores(results: list[dict[str, Any]], limbs: dict[str, frozenset[str]]) 
 
 
 def print_table(results: list[dict[str, Any]]) -> None:
-    table = Table("body", "seen in training", title="return over noise-free episodes", title_style="bold")
-    for column in ("trained", "random", "random, 95 % interval", "expert", "score"):
-        table.add_column(column, justify="right")
+    """Print trained, random and expert returns of every body."""
+    numbers = ("trained", "random", "random 95 %", "expert", "score")
+    rows = []
     for result in results:
         low, high = result["random_interval"]
-        table.add_row(
-            result["robot"],
-            "yes" if result["trained_on"] else "never",
-            f"{result['mean']:.0f}",
-            f"{result['random_mean']:.0f}",
-            f"{low:.0f} .. {high:.0f}",
-            "-" if result["expert_return"] is None else f"{result['expert_return']:.0f}",
-            "-" if result["score"] is None else f"{result['score']:.3f}",
-            style=None if result["trained_on"] else "bold",
+        rows.append(
+            (
+                result["robot"],
+                "yes" if result["trained_on"] else "never",
+                f"{result['mean']:.0f}",
+                f"{result['random_mean']:.0f}",
+                f"{low:.0f} .. {high:.0f}",
+                "-" if result["expert_return"] is None else f"{result['expert_return']:.0f}",
+                "-" if result["score"] is None else f"{result['score']:.3f}",
+            )
         )
-    console.print(table)
+    console.print("[bold]Mean return over noise-free episodes[/bold]")
+    print(table(("body", "seen", *numbers), rows, right=numbers))
+    print("score = (trained - random) / (expert - random)")
 
 
 def verdict(results: list[dict[str, Any]]) -> None:
@@ -100,7 +105,8 @@ def verdict(results: list[dict[str, Any]]) -> None:
             place = "above" if result["mean"] > high else "below" if result["mean"] < low else "within"
             console.print(
                 f"{result['robot']}, never seen: {result['mean']:.0f}, {place} the random policy's "
-                f"95 % interval ({low:.0f} to {high:.0f})"
+                f"95 % interval ({low:.0f} to {high:.0f})",
+                soft_wrap=True,
             )
 
 
@@ -157,23 +163,25 @@ def main() -> None:
         *("evaluate", run, family / f"{options.hold_out}.xml", "--episodes", 1, "--video", video),
     )
     plot = out / "result.png"
-    draw_result(run, measured, plot)
+    draw_result(run, results, plot)
 
     console.print()
     print_table(results)
     verdict(results)
     console.print(f"\n{(time.monotonic() - start) / 60:.1f} minutes in all; everything lies in {out}/")
-    for path, what in (
+    made = (
         (out / "tokens.json", "the tokens of the robot"),
         (family, "the bodies and their manifest"),
         (out / "family.png", "a picture of them"),
         (run, "the trained policy, metrics and TensorBoard events"),
         (evaluation, "every return"),
         (plot, "learning curve, and trained against random"),
-        (video, "the held-out body"),
-    ):
+        (video, "the held-out body on film"),
+    )
+    width = max(len(str(path)) for path, _ in made)
+    for path, what in made:
         if path.exists():
-            console.print(f"  {path!s:<24} {what}", markup=False)
+            console.print(f"  {path!s:<{width}}  {what}", markup=False, soft_wrap=True)
 
 
 def draw_family(family: Path, path: Path) -> None:
@@ -189,13 +197,15 @@ def draw_family(family: Path, path: Path) -> None:
         console.print(f"no picture of the family: {error}", markup=False)
 
 
-def draw_result(run: Path, evaluation: dict[str, Any], path: Path) -> None:
+def draw_result(run: Path, results: list[dict[str, Any]], path: Path) -> None:
     """Draw the learning curve, and bars of trained against random; say so and go on without matplotlib."""
     from morphkit.errors import DependencyError
-    from morphkit_rl.plotting import learning_curve_and_bars
+    from morphkit_rl.metrics import read_metrics
+    from morphkit_rl.plotting import results_figure
 
+    bars = [SimpleNamespace(**{**result, "normalised": result["score"]}) for result in results]
     try:
-        learning_curve_and_bars(run, evaluation, path)
+        results_figure(read_metrics(run), bars, path)
     except DependencyError as error:
         console.print(f"no plot: {error}", markup=False)
 
