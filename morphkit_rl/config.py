@@ -28,7 +28,7 @@ class TextConfig:
 
     encoder: str = "minilm"
     pooling: Literal["default", "mean", "cls"] = "default"
-    naming: Literal["canonical", "raw"] = "canonical"
+    naming: Literal["canonical", "raw"] = "raw"
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,12 +68,12 @@ class TD3Config:
         reward_scale: Factor on rewards before they are learned from.
     """
 
-    batch_size: int = 384
+    batch_size: int = 252
     discount: float = 0.99
     n_step: int = 1
-    tau: float = 0.01
+    tau: float = 0.02
     policy_delay: int = 2
-    learning_rate: float = 3e-4
+    learning_rate: float = 6e-4
     target_noise: float = 0.2
     target_noise_clip: float = 0.5
     exploration_noise: float = 0.2
@@ -96,7 +96,7 @@ class TrainerConfig:
         checkpoint_seconds: Seconds between two checkpoints.
     """
 
-    num_envs: int = 4
+    num_envs: int = 8
     start_steps: int = 20_000
     updates_per_sweep: int = 4
     replay_capacity: int = 2_000_000

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from morphkit.description import Description
 from morphkit.errors import ConfigError
@@ -109,7 +111,8 @@ def evaluate(
         raise ConfigError(f"episodes is {episodes}; expected at least 1")
     policy = Policy.load(run)
     robots = [_prepared(policy, description, task, base) for description in descriptions]
-    return [_evaluate_one(policy, robot, episodes, seed) for robot in robots]
+    with single_thread():
+        return [_evaluate_one(policy, robot, episodes, seed) for robot in robots]
 
 
 def record(
@@ -132,7 +135,8 @@ def record(
     obs = env.reset()[0]
     poses = [env.state(0)[0][0].copy()]
     for _ in range(max_steps):
-        step = env.step([policy.act(robot.spec, obs)])
+        with single_thread():
+            step = env.step([policy.act(robot.spec, obs)])
         if step.terminated[0][0] or step.truncated[0][0]:
             break
         poses.append(env.state(0)[0][0].copy())
@@ -140,6 +144,17 @@ def record(
     env.close()
     rate = 1 / (robot.simulation.model.opt.timestep * robot.task.frame_skip)
     return robot.simulation, np.stack(poses), float(rate)
+
+
+@contextmanager
+def single_thread() -> Iterator[None]:
+    """Run torch on one thread: for a handful of rows, waiting for a second one costs more than it gives."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def play(env: BatchEnv, act: Act) -> tuple[np.ndarray, np.ndarray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +15,13 @@ from morphkit_rl import checkpoint, runs
 from morphkit_rl.actions import ActionScale
 from morphkit_rl.config import TrainConfig
 from morphkit_rl.models import build
-from morphkit_rl.models.layout import Layout, build_layout
+from morphkit_rl.models.layout import build_layout
 from morphkit_rl.models.limb_former import Actor
 from morphkit_rl.normalizer import Normalizer, normalize
 from morphkit_rl.text.embedder import TokenEmbedder
+
+Controller = Callable[[np.ndarray], np.ndarray]
+"""float32 observations (batch, tokens) to float32 controls (batch, actuators) of one robot."""
 
 
 class Policy:
@@ -46,7 +49,7 @@ class Policy:
     ):
         self.actor, self.normalizer, self.embedder, self.config = actor, normalizer, embedder, config
         self.trained_on = tuple(trained_on)
-        self._prepared: dict[tuple[str, ...], tuple[Layout, torch.Tensor, torch.Tensor, ActionScale]] = {}
+        self._controllers: dict[tuple[str, ...], Controller] = {}
 
     @classmethod
     def load(cls, run: str | Path) -> Policy:
@@ -98,22 +101,30 @@ class Policy:
                 f"{spec.morphology}: expected observations of width {len(spec.sensors)}, "
                 f"got an array of shape {obs.shape}"
             )
-        layout, scale, shift, actions = self._prepare(spec)
-        with torch.no_grad():
-            rows = torch.from_numpy(np.atleast_2d(obs))
-            action = self.actor(normalize(rows, scale, shift), layout).numpy()
-        return actions.to_controls(action).astype(np.float32).reshape(*obs.shape[:-1], -1)
+        act = self._controllers.get(_key(spec)) or self._prepare(spec)
+        return act(np.atleast_2d(obs)).reshape(*obs.shape[:-1], len(spec.actuators))
 
-    def _prepare(self, spec: TokenSpec) -> tuple[Layout, torch.Tensor, torch.Tensor, ActionScale]:
-        key = (spec.sha256, spec.naming, *spec.texts)
-        if key not in self._prepared:
-            if spec.naming != self.config.text.naming:
-                warnings.warn(
-                    f"{spec.morphology}: tokens are named {spec.naming!r}, the policy was trained on "
-                    f"{self.config.text.naming!r} names",
-                    stacklevel=3,
-                )
-            layout = build_layout([spec], self.embedder)
-            scale, shift = self.normalizer.scale_and_shift(self.normalizer.index([spec]))
-            self._prepared[key] = (layout, torch.from_numpy(scale), torch.from_numpy(shift), ActionScale(spec))
-        return self._prepared[key]
+    @torch.no_grad()
+    def _prepare(self, spec: TokenSpec) -> Controller:
+        if spec.naming != self.config.text.naming:
+            warnings.warn(
+                f"{spec.morphology}: tokens are named {spec.naming!r}, the policy was trained on "
+                f"{self.config.text.naming!r} names",
+                stacklevel=3,
+            )
+        layout = build_layout([spec], self.embedder)
+        names = self.actor.read_names(layout)
+        scale, shift = map(torch.from_numpy, self.normalizer.scale_and_shift(self.normalizer.index([spec])))
+        actions = ActionScale(spec)
+
+        @torch.no_grad()
+        def act(obs: np.ndarray) -> np.ndarray:
+            rows = normalize(torch.from_numpy(obs), scale, shift)
+            return actions.to_controls(self.actor(rows, layout, names).numpy()).astype(np.float32)
+
+        self._controllers[_key(spec)] = act
+        return act
+
+
+def _key(spec: TokenSpec) -> tuple[str, ...]:
+    return (spec.sha256, spec.naming, *spec.texts)

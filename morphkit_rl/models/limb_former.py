@@ -14,12 +14,29 @@ averages over the limbs before its head.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
 from morphkit_rl.models.blocks import MemberLinear, TransformerLayer
 from morphkit_rl.models.layout import FOREIGN, Layout, Slots
+
+
+@dataclass(frozen=True)
+class Names:
+    """What an encoder makes of a layout's names alone; the same for every row of values.
+
+    Attributes:
+        weights: (limbs, slots, members * d_model) vector that each scalar is multiplied by.
+        tokens: (members, limbs, d_model) part of the limb tokens that does not depend on values.
+        attention: (members, 1, heads, limbs, limbs) bias by kinship; -inf between robots.
+    """
+
+    weights: Tensor
+    tokens: Tensor
+    attention: Tensor
 
 
 class LimbEncoder(nn.Module):
@@ -45,35 +62,35 @@ class LimbEncoder(nn.Module):
         self.relation_bias = nn.Parameter(torch.zeros(members, heads, FOREIGN))
         self.layers = nn.ModuleList(TransformerLayer(members, d_model, heads, feedforward) for _ in range(layers))
 
-    def forward(self, row: Tensor, slots: Slots, layout: Layout) -> Tensor:
+    def read_names(self, slots: Slots, layout: Layout) -> Names:
+        """Do what depends on the layout's names only."""
+        members, _, d_model = self.value.weight.shape
+        values = self.value(layout.embeddings.expand(members, -1, -1))[:, slots.text] * slots.mask
+        bias = F.pad(self.relation_bias, (0, 1), value=float("-inf"))
+        return Names(
+            weights=values.permute(1, 2, 0, 3).reshape(*slots.column.shape, members * d_model),
+            tokens=self.name(layout.limb_embeddings.expand(members, -1, -1)),
+            attention=bias[..., layout.relation].unsqueeze(1).to(self.precision),
+        )
+
+    def forward(self, row: Tensor, slots: Slots, names: Names) -> Tensor:
         """Encode rows of scalars.
 
         Args:
             row: (batch, width) scalars of all robots side by side.
             slots: Which limb reads which column.
-            layout: The robots.
+            names: What `read_names` made of the same slots.
 
         Returns:
             (members, batch, limbs, d_model).
         """
-        limbs, width = slots.column.shape
-        embeddings = layout.embeddings.expand(self.value.weight.shape[0], -1, -1)
-        weights = self.value(embeddings)[:, slots.text] * slots.mask
+        members, limbs, d_model = names.tokens.shape
         values = F.pad(row, (0, 1))[:, slots.column].transpose(0, 1)
-        members, d_model = weights.shape[0], weights.shape[-1]
-        stacked = weights.permute(1, 2, 0, 3).reshape(limbs, width, members * d_model)
-        tokens = torch.bmm(values, stacked).view(limbs, -1, members, d_model).permute(2, 1, 0, 3)
-        names = self.name(layout.limb_embeddings.expand(members, -1, -1))
-        x = F.layer_norm(tokens + names.unsqueeze(1), (d_model,)).to(self.precision)
-        bias = self.attention_bias(layout).to(self.precision)
+        tokens = torch.bmm(values, names.weights).view(limbs, -1, members, d_model).permute(2, 1, 0, 3)
+        x = F.layer_norm(tokens + names.tokens.unsqueeze(1), (d_model,)).to(self.precision)
         for layer in self.layers:
-            x = layer(x, bias)
+            x = layer(x, names.attention)
         return F.layer_norm(x.float(), (d_model,))
-
-    def attention_bias(self, layout: Layout) -> Tensor:
-        """(members, 1, heads, limbs, limbs) learned bias by kinship; -inf between robots."""
-        bias = F.pad(self.relation_bias, (0, 1), value=float("-inf"))
-        return bias[..., layout.relation].unsqueeze(1)
 
 
 class Actor(nn.Module):
@@ -86,17 +103,23 @@ class Actor(nn.Module):
         self.name = MemberLinear(1, embedding_size, d_model, bias=False)
         self.head = MemberLinear(1, d_model, 1, gain=0.1)
 
-    def forward(self, obs: Tensor, layout: Layout) -> Tensor:
-        """Act on normalised observation rows."""
-        limbs = self.encoder(obs, layout.observation, layout)[0]
+    def read_names(self, layout: Layout) -> tuple[Names, Tensor]:
+        """Do what depends on the layout's names only: for the encoder, and (1, actuators, d_model) for the head."""
+        return self.encoder.read_names(layout.observation, layout), self.name(
+            layout.embeddings[layout.actuator_text][None]
+        )
+
+    def forward(self, obs: Tensor, layout: Layout, names: tuple[Names, Tensor] | None = None) -> Tensor:
+        """Act on normalised observation rows; `names`, from `read_names`, saves time while the weights stay."""
+        limb_names, actuator_names = names or self.read_names(layout)
+        limbs = self.encoder(obs, layout.observation, limb_names)[0]
         if len(layout.actuator_limb) == 0:
             return obs.new_zeros(len(obs), 0)
         means = torch.matmul(layout.robot_limbs, limbs)[:, layout.actuator_robot]
         without_limb = (layout.actuator_limb == limbs.shape[1])[:, None]
         own = F.pad(limbs, (0, 0, 0, 1))[:, layout.actuator_limb]
         x = torch.where(without_limb, means, own)
-        names = self.name(layout.embeddings[layout.actuator_text][None])
-        hidden = F.relu(self.read(x.reshape(1, -1, x.shape[-1])).view(x.shape) + names)
+        hidden = F.relu(self.read(x.reshape(1, -1, x.shape[-1])).view(x.shape) + actuator_names)
         return torch.tanh(self.head(hidden.view(1, -1, x.shape[-1])).view(x.shape[:2]))
 
 
@@ -111,7 +134,8 @@ class TwinCritic(nn.Module):
 
     def forward(self, obs: Tensor, action: Tensor, layout: Layout) -> Tensor:
         """Value actions in [-1, 1] at normalised observation rows."""
-        limbs = self.encoder(torch.cat([obs, action], -1), layout.observation_and_action, layout)
+        slots = layout.observation_and_action
+        limbs = self.encoder(torch.cat([obs, action], -1), slots, self.encoder.read_names(slots, layout))
         pooled = torch.matmul(layout.robot_limbs, limbs)
         members, batch, robots, width = pooled.shape
         hidden = F.relu(self.hidden(pooled.reshape(members, -1, width)))

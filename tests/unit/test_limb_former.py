@@ -59,7 +59,7 @@ def test_a_robot_alone_and_in_a_mixed_batch_gives_the_same(robots: tuple[str, ..
 
 
 def test_every_sensor_and_every_action_of_a_robot_matters_to_it_alone() -> None:
-    actor, critic = networks()
+    _, critic = networks()
     layout = build_layout([spec("arm"), spec("cheetah")], embed)
     obs, action = (x.requires_grad_() for x in rows(layout))
     critic(obs, action, layout)[..., 0].sum().backward()

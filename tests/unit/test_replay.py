@@ -8,7 +8,7 @@ from morphkit_rl.replay import Ring, sample
 
 
 def fill(ring: Ring, sweeps: int, *, ends: dict[tuple[int, int], bool] | None = None) -> None:
-    """Add sweeps whose observation is (sweep, env), whose reward is the sweep; `ends` maps (sweep, env) to terminated."""
+    """Add sweeps: observation (sweep, env), reward the sweep; `ends` maps (sweep, env) to terminated."""
     ends = ends or {}
     envs = np.arange(ring.num_envs)
     for sweep in range(sweeps):
@@ -17,7 +17,7 @@ def fill(ring: Ring, sweeps: int, *, ends: dict[tuple[int, int], bool] | None = 
             obs=obs,
             action=np.zeros((ring.num_envs, 1)),
             reward=np.full(ring.num_envs, float(sweep)),
-            next_obs=obs + [1, 0],
+            next_obs=obs + np.array([1, 0]),
             terminated=np.array([ends.get((sweep, env), False) for env in envs]),
             ended=np.array([(sweep, env) in ends for env in envs]),
         )
@@ -29,7 +29,7 @@ def test_one_step_samples_are_the_transitions_that_were_added() -> None:
     obs, _, reward, next_obs, factor = ring.sample(500, 1, 0.9, np.random.default_rng(0))
     assert set(map(tuple, obs.tolist())) == {(float(s), float(e)) for s in range(4) for e in range(3)}
     np.testing.assert_array_equal(reward, obs[:, 0])
-    np.testing.assert_array_equal(next_obs, obs + [1, 0])
+    np.testing.assert_array_equal(next_obs, obs + np.array([1, 0]))
     terminated = (obs == [2, 1]).all(1)
     np.testing.assert_allclose(factor, np.where(terminated, 0, 0.9), rtol=1e-6)
 

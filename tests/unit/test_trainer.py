@@ -29,7 +29,7 @@ def config() -> TrainConfig:
         overrides=[
             *("model.d_model=16", "model.layers=1", "model.feedforward=16"),
             *("td3.batch_size=16", "td3.n_step=3", "trainer.start_steps=40", "trainer.num_envs=2"),
-            "trainer.checkpoint_seconds=0",
+            "trainer.checkpoint_seconds=0.2",
         ]
     )
 
