@@ -22,7 +22,7 @@ from rich.console import Console
 from morphkit_cli.table import table
 
 ROBOT = "cheetah"
-HELD_OUT = "cheetah-no-fshin"
+HELD_OUT = "cheetah-no-bfoot"
 MORPHKIT = Path(sys.executable).with_name("morphkit")
 
 console = Console(highlight=False, emoji=False)
