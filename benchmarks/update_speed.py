@@ -88,7 +88,7 @@ def _spec(name: str, naming: str) -> TokenSpec:
 def _batch(layout: Layout, size: int) -> Batch:
     rng = np.random.default_rng(0)
     obs, next_obs = rng.standard_normal((2, size, layout.num_tokens)).astype(np.float32)
-    action = rng.uniform(-1, 1, (size, layout.num_actuators)).astype(np.float32)
+    action = rng.uniform(-1, 1, (size, layout.num_actions)).astype(np.float32)
     reward, discount = rng.uniform(0, 1, (2, size, layout.num_robots)).astype(np.float32)
     return Batch(obs, action, reward, next_obs, discount)
 

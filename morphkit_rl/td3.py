@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from morphkit_rl.config import ModelConfig, TD3Config
 from morphkit_rl.models import build
 from morphkit_rl.models.layout import Layout
+from morphkit_rl.models.vocabulary import Vocabulary
 from morphkit_rl.normalizer import normalize
 from morphkit_rl.replay import Batch
 
@@ -22,6 +23,7 @@ class TD3:
         model: Size of the networks.
         config: Hyperparameters.
         embedding_size: Size of a token's text embedding.
+        vocabulary: What the method must know of the training robots.
         device: Where the networks live.
         precision: `float32`, or `bfloat16` for the transformer layers; parameters are float32.
     """
@@ -32,15 +34,17 @@ class TD3:
         config: TD3Config,
         embedding_size: int,
         *,
+        vocabulary: Vocabulary | None = None,
         device: str = "cpu",
         precision: str = "float32",
     ):
         self.config = config
         self.device = torch.device(device)
         self.precision = precision
-        actor, critic = build(model, embedding_size)
-        for network in (actor, critic):
-            network.encoder.precision = getattr(torch, precision)
+        actor, critic = build(model, embedding_size, vocabulary)
+        for module in (*actor.modules(), *critic.modules()):
+            if hasattr(module, "precision"):
+                module.precision = getattr(torch, precision)
         self.actor, self.critic = actor.to(self.device), critic.to(self.device)
         self.actor_target, self.critic_target = (
             deepcopy(net).requires_grad_(False) for net in (self.actor, self.critic)
@@ -54,6 +58,8 @@ class TD3:
         self, batch: Batch, scale: Tensor, shift: Tensor, layout: Layout, rng: np.random.Generator
     ) -> dict[str, Tensor]:
         """Update the critics, and every `policy_delay`-th time the actor and the targets.
+
+        A robot's reward holds for each of its values. Losses are means over a robot's values, then over the robots.
 
         Args:
             batch: Transitions of the layout's robots, raw observations.
@@ -70,21 +76,26 @@ class TD3:
         action = self._tensor(batch.action)
         drawn = rng.standard_normal(action.shape, dtype=np.float32) * self.config.target_noise
         noise = self._tensor(drawn.clip(-self.config.target_noise_clip, self.config.target_noise_clip))
+        robot = self.critic.value_robot(layout)
+        share = 1 / (layout.num_robots * robot.bincount()[robot])
         with torch.no_grad():
             next_action = (self.actor_target(next_obs, layout) + noise).clamp(-1, 1)
             next_q = self.critic_target(next_obs, next_action, layout).amin(0)
             reward = self._tensor(batch.reward) * self.config.reward_scale
-            target = reward + self._tensor(batch.discount) * next_q
+            target = reward[:, robot] + self._tensor(batch.discount)[:, robot] * next_q
         q = self.critic(obs, action, layout)
-        critic_loss = (q - target).square().mean((1, 2)).sum()
+        critic_loss = ((q - target).square().mean(1) * share).sum()
         self._step(critic_loss, self.critic_optimizer, self.critic)
         self.updates += 1
-        losses = {"critic_loss": critic_loss.detach(), "q_mean": q.detach().mean() / self.config.reward_scale}
+        losses = {
+            "critic_loss": critic_loss.detach(),
+            "q_mean": (q.detach().mean((0, 1)) * share).sum() / self.config.reward_scale,
+        }
         if self.updates % self.config.policy_delay == 0:
             self.critic.requires_grad_(False)
             q = self.critic(obs, self.actor(obs, layout), layout)[0]
             self.critic.requires_grad_(True)
-            actor_loss = -q.mean()
+            actor_loss = -(q.mean(0) * share).sum()
             self._step(actor_loss, self.actor_optimizer, self.actor)
             losses["actor_loss"] = actor_loss.detach()
             for target_net, net in ((self.actor_target, self.actor), (self.critic_target, self.critic)):
@@ -94,7 +105,7 @@ class TD3:
 
     @torch.no_grad()
     def act(self, obs: np.ndarray, scale: Tensor, shift: Tensor, layout: Layout) -> np.ndarray:
-        """Noise-free actions in [-1, 1] (batch, actuators) at raw observations (batch, tokens)."""
+        """Noise-free actions in [-1, 1] (batch, actions) at raw observations (batch, tokens)."""
         return self.actor(normalize(self._tensor(obs), scale, shift), layout).cpu().numpy()
 
     def networks(self) -> dict[str, nn.Module]:

@@ -226,14 +226,14 @@ class Trainer:
         scale, shift = (
             torch.from_numpy(a).to(self.learner.device) for a in self.normalizer.scale_and_shift(self.quantities)
         )
-        shape = (len(self.obs), self.layout.num_actuators)
+        shape = (len(self.obs), self.layout.num_actions)
         warm_up = self.steps < self.config.trainer.start_steps
         if warm_up:
             action = self.rng.uniform(-1, 1, shape).astype(np.float32)
         else:
             noise = self.rng.standard_normal(shape, dtype=np.float32) * self.config.td3.exploration_noise
             action = (self.learner.act(self.obs, scale, shift, self.layout) + noise).clip(-1, 1)
-        parts = [action[:, columns] for columns in self.layout.actuators]
+        parts = [action[:, columns] for columns in self.layout.actions]
         step = self.env.step([s.to_controls(part) for s, part in zip(self.scales, parts, strict=True)])
         for robot, ring in enumerate(self.rings):
             terminated = step.terminated[robot]

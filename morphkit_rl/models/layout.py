@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import torch
@@ -12,6 +13,8 @@ from torch import Tensor
 from morphkit.tokens import TokenSpec
 
 SELF, PARENT, CHILD, OTHER, FOREIGN = range(5)
+
+Actions = Literal["actuators", "limbs"]
 
 
 @dataclass(frozen=True)
@@ -29,40 +32,51 @@ class Slots:
     mask: Tensor
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Layout:
     """Robots of any size side by side: a row holds robot 0's scalars, then robot 1's, ...
 
     Nothing is padded but the slots of a limb. Limbs of all robots form one sequence, in which `relation` keeps the
-    robots apart.
+    robots apart. An action row has a column for each actuator, or, for methods that act by limb, one for each limb;
+    those of limbs without an actuator move nothing.
 
     Attributes:
         specs: The robots.
         tokens: One slice a robot into the columns of an observation row.
-        actuators: One slice a robot into the columns of an action row.
+        actions: One slice a robot into the columns of an action row.
+        limbs: One slice a robot into the sequence of limbs.
+        actuator_columns: For each robot, the column of each actuator within that robot's slice of an action row.
         embeddings: (texts, size) embeddings of all distinct token texts.
         observation: What each limb reads of an observation row.
         observation_and_action: What each limb reads of an observation row followed by an action row.
         relation: (limbs, limbs) what limb j is to limb i: itself, parent, child, other or of a foreign robot.
+        parents: For each limb, the place of its parent in the sequence of limbs; -1 for roots.
         limb_embeddings: (limbs, size) mean embedding of each limb's sensor texts.
-        actuator_text: (actuators,) index of each actuator's text.
-        actuator_limb: (actuators,) limb that it drives; the number of limbs where it drives no single one.
+        token_text: (tokens,) index of the text of each observation column.
+        action_names: Name of the token of each action column.
+        action_text: (actions,) index of the text of each action column.
+        action_limb: (actions,) limb that it drives; the number of limbs where it drives no single one.
         robot_limbs: (robots, limbs) weights that average over a robot's limbs.
-        actuator_robot: (actuators,) robot of each actuator.
+        action_robot: (actions,) robot of each action column.
     """
 
     specs: tuple[TokenSpec, ...]
     tokens: tuple[slice, ...]
-    actuators: tuple[slice, ...]
+    actions: tuple[slice, ...]
+    limbs: tuple[slice, ...]
+    actuator_columns: tuple[np.ndarray, ...]
     embeddings: Tensor
     observation: Slots
     observation_and_action: Slots
     relation: Tensor
+    parents: tuple[int, ...]
     limb_embeddings: Tensor
-    actuator_text: Tensor
-    actuator_limb: Tensor
+    token_text: Tensor
+    action_names: tuple[str, ...]
+    action_text: Tensor
+    action_limb: Tensor
     robot_limbs: Tensor
-    actuator_robot: Tensor
+    action_robot: Tensor
 
     @property
     def num_robots(self) -> int:
@@ -75,13 +89,16 @@ class Layout:
         return self.tokens[-1].stop
 
     @property
-    def num_actuators(self) -> int:
+    def num_actions(self) -> int:
         """Width of an action row."""
-        return self.actuators[-1].stop
+        return self.actions[-1].stop
 
 
 def build_layout(
-    specs: Sequence[TokenSpec], embed: Callable[[Sequence[str]], np.ndarray], device: torch.device | str = "cpu"
+    specs: Sequence[TokenSpec],
+    embed: Callable[[Sequence[str]], np.ndarray],
+    device: torch.device | str = "cpu",
+    actions: Actions = "actuators",
 ) -> Layout:
     """Lay out `specs` side by side.
 
@@ -89,30 +106,38 @@ def build_layout(
         specs: Robots, in the order of a row.
         embed: Texts to float32 embeddings (texts, size).
         device: Where the tensors live.
+        actions: Whether an action row has one column an actuator or one a limb.
     """
-    texts = list(dict.fromkeys(text for spec in specs for text in spec.texts))
+    controls = [_controls(spec, actions) for spec in specs]
+    texts = list(
+        dict.fromkeys(
+            text
+            for spec, own in zip(specs, controls, strict=True)
+            for text in (*(sensor.text for sensor in spec.sensors), *(control.text for control in own))
+        )
+    )
     text_index = {text: index for index, text in enumerate(texts)}
-    limb_counts = [len(spec.limbs) for spec in specs]
-    limb_offset = np.concatenate([[0], np.cumsum(limb_counts)])
+    limbs = _slices([len(spec.limbs) for spec in specs])
     tokens = _slices([len(spec.sensors) for spec in specs])
-    actuators = _slices([len(spec.actuators) for spec in specs])
-    num_limbs, num_tokens = int(limb_offset[-1]), tokens[-1].stop
+    columns = _slices([len(own) for own in controls])
+    num_limbs, num_tokens = limbs[-1].stop, tokens[-1].stop
 
     sensed: list[list[tuple[int, int]]] = [[] for _ in range(num_limbs)]
     driven: list[list[tuple[int, int]]] = [[] for _ in range(num_limbs)]
     relation = np.full((num_limbs, num_limbs), FOREIGN)
-    actuator_limb, actuator_text = [], []
+    action_limb, action_text, parents = [], [], []
     for robot, spec in enumerate(specs):
-        first, last = int(limb_offset[robot]), int(limb_offset[robot + 1])
+        first, last = limbs[robot].start, limbs[robot].stop
         for sensor, limb in zip(spec.sensors, spec.token_limb, strict=True):
             sensed[first + limb].append((tokens[robot].start + sensor.index, text_index[sensor.text]))
-        for actuator, limb in zip(spec.actuators, spec.actuator_limb, strict=True):
-            entry = (num_tokens + actuators[robot].start + actuator.index, text_index[actuator.text])
-            for reader in [first + limb] if limb >= 0 else range(first, last):
+        for column, control in enumerate(controls[robot], columns[robot].start):
+            entry = (num_tokens + column, text_index[control.text])
+            for reader in [first + control.limb] if control.limb >= 0 else range(first, last):
                 driven[reader].append(entry)
-            actuator_limb.append(first + limb if limb >= 0 else num_limbs)
-            actuator_text.append(text_index[actuator.text])
+            action_limb.append(first + control.limb if control.limb >= 0 else num_limbs)
+            action_text.append(text_index[control.text])
         relation[first:last, first:last] = _relations(spec)
+        parents += [first + parent if parent >= 0 else -1 for parent in parent_indices(spec)]
 
     def tensor(values: object, dtype: torch.dtype = torch.long) -> Tensor:
         return torch.as_tensor(np.asarray(values), dtype=dtype, device=device)
@@ -120,8 +145,8 @@ def build_layout(
     embeddings = embed(texts)
     limb_embeddings = np.stack([embeddings[[text for _, text in entries]].mean(0) for entries in sensed])
     robot_limbs = np.zeros((len(specs), num_limbs), np.float32)
-    for robot in range(len(specs)):
-        robot_limbs[robot, limb_offset[robot] : limb_offset[robot + 1]] = 1 / limb_counts[robot]
+    for robot, own_limbs in enumerate(limbs):
+        robot_limbs[robot, own_limbs] = 1 / (own_limbs.stop - own_limbs.start)
 
     def slots(entries: list[list[tuple[int, int]]], width: int) -> Slots:
         column, text, mask = _pad(entries, width)
@@ -130,19 +155,61 @@ def build_layout(
     return Layout(
         specs=tuple(specs),
         tokens=tokens,
-        actuators=actuators,
+        actions=columns,
+        limbs=limbs,
+        actuator_columns=tuple(
+            spec.actuator_limb if actions == "limbs" else np.arange(len(spec.actuators)) for spec in specs
+        ),
         embeddings=tensor(embeddings, torch.float32),
         observation=slots(sensed, num_tokens),
         observation_and_action=slots(
-            [a + b for a, b in zip(sensed, driven, strict=True)], num_tokens + actuators[-1].stop
+            [a + b for a, b in zip(sensed, driven, strict=True)], num_tokens + columns[-1].stop
         ),
         relation=tensor(relation),
+        parents=tuple(parents),
         limb_embeddings=tensor(limb_embeddings, torch.float32),
-        actuator_text=tensor(np.asarray(actuator_text, dtype=np.int64)),
-        actuator_limb=tensor(np.asarray(actuator_limb, dtype=np.int64)),
+        token_text=tensor([text_index[sensor.text] for spec in specs for sensor in spec.sensors]),
+        action_names=tuple(control.name for own in controls for control in own),
+        action_text=tensor(np.asarray(action_text, dtype=np.int64)),
+        action_limb=tensor(np.asarray(action_limb, dtype=np.int64)),
         robot_limbs=tensor(robot_limbs, torch.float32),
-        actuator_robot=tensor(np.repeat(np.arange(len(specs)), [len(spec.actuators) for spec in specs])),
+        action_robot=tensor(np.repeat(np.arange(len(specs)), [len(own) for own in controls])),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Control:
+    """A column of an action row: its token and the index of its limb, -1 where it drives no single one."""
+
+    name: str
+    text: str
+    limb: int
+
+
+def _controls(spec: TokenSpec, actions: Actions) -> list[_Control]:
+    own = [_Control(a.name, a.text, int(limb)) for a, limb in zip(spec.actuators, spec.actuator_limb, strict=True)]
+    if actions == "actuators":
+        return own
+    driven = {control.limb: control for control in own}
+    return [driven.get(limb) or _Control(*limb_action(spec, limb), limb) for limb in range(len(spec.limbs))]
+
+
+def limb_action(spec: TokenSpec, limb: int) -> tuple[str, str]:
+    """Name and text that the action of a limb without actuator would have, such as `torso_ctrl` and `torso ctrl`."""
+    name = spec.limbs[limb].name
+    first = next((sensor for sensor in spec.sensors if sensor.limb == name), None)
+    if first is None:
+        return f"{name}_ctrl", f"{name} ctrl"
+    ending = "_".join(part for part in (first.quantity, first.component) if part)
+    label = first.name.removesuffix(f"_{ending}") if first.name.endswith(f"_{ending}") else name
+    control = f"{label}_ctrl"
+    return control, control if "_" in first.text else control.replace("_", " ")
+
+
+def parent_indices(spec: TokenSpec) -> list[int]:
+    """Index of each limb's parent among the robot's limbs, -1 for the root."""
+    index: dict[str | None, int] = {limb.name: number for number, limb in enumerate(spec.limbs)}
+    return [index.get(limb.parent, -1) for limb in spec.limbs]
 
 
 def _slices(lengths: Sequence[int]) -> tuple[slice, ...]:
@@ -152,13 +219,12 @@ def _slices(lengths: Sequence[int]) -> tuple[slice, ...]:
 
 def _relations(spec: TokenSpec) -> np.ndarray:
     """(limbs, limbs) relation of limb j to limb i within one robot."""
-    index = {limb.name: number for number, limb in enumerate(spec.limbs)}
-    relation = np.full((len(index), len(index)), OTHER)
+    relation = np.full((len(spec.limbs), len(spec.limbs)), OTHER)
     np.fill_diagonal(relation, SELF)
-    for limb in spec.limbs:
-        if limb.parent is not None:
-            relation[index[limb.name], index[limb.parent]] = PARENT
-            relation[index[limb.parent], index[limb.name]] = CHILD
+    for limb, parent in enumerate(parent_indices(spec)):
+        if parent >= 0:
+            relation[limb, parent] = PARENT
+            relation[parent, limb] = CHILD
     return relation
 
 

@@ -20,8 +20,11 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from morphkit.tokens import TokenSpec
+from morphkit_rl.config import ModelConfig
 from morphkit_rl.models.blocks import MemberLinear, TransformerLayer
 from morphkit_rl.models.layout import FOREIGN, Layout, Slots
+from morphkit_rl.models.vocabulary import Vocabulary
 
 
 @dataclass(frozen=True)
@@ -106,18 +109,18 @@ class Actor(nn.Module):
     def read_names(self, layout: Layout) -> tuple[Names, Tensor]:
         """Do what depends on the layout's names only: for the encoder, and (1, actuators, d_model) for the head."""
         return self.encoder.read_names(layout.observation, layout), self.name(
-            layout.embeddings[layout.actuator_text][None]
+            layout.embeddings[layout.action_text][None]
         )
 
     def forward(self, obs: Tensor, layout: Layout, names: tuple[Names, Tensor] | None = None) -> Tensor:
         """Act on normalised observation rows; `names`, from `read_names`, saves time while the weights stay."""
         limb_names, actuator_names = names or self.read_names(layout)
         limbs = self.encoder(obs, layout.observation, limb_names)[0]
-        if len(layout.actuator_limb) == 0:
+        if len(layout.action_limb) == 0:
             return obs.new_zeros(len(obs), 0)
-        means = torch.matmul(layout.robot_limbs, limbs)[:, layout.actuator_robot]
-        without_limb = (layout.actuator_limb == limbs.shape[1])[:, None]
-        own = F.pad(limbs, (0, 0, 0, 1))[:, layout.actuator_limb]
+        means = torch.matmul(layout.robot_limbs, limbs)[:, layout.action_robot]
+        without_limb = (layout.action_limb == limbs.shape[1])[:, None]
+        own = F.pad(limbs, (0, 0, 0, 1))[:, layout.action_limb]
         x = torch.where(without_limb, means, own)
         hidden = F.relu(self.read(x.reshape(1, -1, x.shape[-1])).view(x.shape) + actuator_names)
         return torch.tanh(self.head(hidden.view(1, -1, x.shape[-1])).view(x.shape[:2]))
@@ -132,6 +135,10 @@ class TwinCritic(nn.Module):
         self.hidden = MemberLinear(2, d_model, 2 * d_model)
         self.head = MemberLinear(2, 2 * d_model, 1)
 
+    def value_robot(self, layout: Layout) -> Tensor:
+        """(robots,) robot of each value: one value a robot."""
+        return torch.arange(layout.num_robots, device=layout.relation.device)
+
     def forward(self, obs: Tensor, action: Tensor, layout: Layout) -> Tensor:
         """Value actions in [-1, 1] at normalised observation rows."""
         slots = layout.observation_and_action
@@ -140,3 +147,18 @@ class TwinCritic(nn.Module):
         members, batch, robots, width = pooled.shape
         hidden = F.relu(self.hidden(pooled.reshape(members, -1, width)))
         return self.head(hidden).view(members, batch, robots)
+
+
+def check(spec: TokenSpec, config: ModelConfig) -> None:
+    """Limb-Former expresses every robot."""
+
+
+def build(config: ModelConfig, embedding_size: int, vocabulary: Vocabulary) -> tuple[Actor, TwinCritic]:
+    """Actor and twin critics."""
+    sizes = {
+        "d_model": config.d_model,
+        "layers": config.layers,
+        "heads": config.heads,
+        "feedforward": config.feedforward,
+    }
+    return Actor(embedding_size, **sizes), TwinCritic(embedding_size, **sizes)

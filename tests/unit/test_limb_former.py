@@ -40,7 +40,7 @@ def networks(**changes: int) -> tuple[torch.nn.Module, torch.nn.Module]:
 def rows(layout: Layout, batch: int = 5) -> tuple[torch.Tensor, torch.Tensor]:
     generator = torch.Generator().manual_seed(1)
     obs = torch.randn(batch, layout.num_tokens, generator=generator)
-    return obs, torch.rand(batch, layout.num_actuators, generator=generator) * 2 - 1
+    return obs, torch.rand(batch, layout.num_actions, generator=generator) * 2 - 1
 
 
 @pytest.mark.parametrize("robots", [("cheetah", "arm"), ("quadruped", "hopper", "walker")])
@@ -53,8 +53,8 @@ def test_a_robot_alone_and_in_a_mixed_batch_gives_the_same(robots: tuple[str, ..
     assert values.shape == (2, len(obs), len(robots))
     for number, name in enumerate(robots):
         alone = build_layout([spec(name)], embed)
-        own_obs, own_action = obs[:, mixed.tokens[number]], action[:, mixed.actuators[number]]
-        torch.testing.assert_close(actor(own_obs, alone), actions[:, mixed.actuators[number]], atol=1e-6, rtol=0)
+        own_obs, own_action = obs[:, mixed.tokens[number]], action[:, mixed.actions[number]]
+        torch.testing.assert_close(actor(own_obs, alone), actions[:, mixed.actions[number]], atol=1e-6, rtol=0)
         torch.testing.assert_close(critic(own_obs, own_action, alone)[..., 0], values[..., number], atol=1e-5, rtol=0)
 
 
@@ -63,11 +63,11 @@ def test_every_sensor_and_every_action_of_a_robot_matters_to_it_alone() -> None:
     layout = build_layout([spec("arm"), spec("cheetah")], embed)
     obs, action = (x.requires_grad_() for x in rows(layout))
     critic(obs, action, layout)[..., 0].sum().backward()
-    arm_obs, arm_action = layout.tokens[0], layout.actuators[0]
+    arm_obs, arm_action = layout.tokens[0], layout.actions[0]
     assert (obs.grad[:, arm_obs].abs().amax(0) > 0).all()
     assert (action.grad[:, arm_action].abs().amax(0) > 0).all()
     assert (obs.grad[:, layout.tokens[1]] == 0).all()
-    assert (action.grad[:, layout.actuators[1]] == 0).all()
+    assert (action.grad[:, layout.actions[1]] == 0).all()
 
 
 def test_actuators_of_one_limb_act_differently() -> None:

@@ -29,7 +29,7 @@ def layout() -> Layout:
 def make_batch(layout: Layout, size: int = 6) -> Batch:
     rng = np.random.default_rng(3)
     obs, next_obs = rng.standard_normal((2, size, layout.num_tokens)).astype("f4")
-    action = rng.uniform(-1, 1, (size, layout.num_actuators)).astype("f4")
+    action = rng.uniform(-1, 1, (size, layout.num_actions)).astype("f4")
     reward = rng.standard_normal((size, layout.num_robots)).astype("f4")
     discount = np.where(rng.random((size, layout.num_robots)) < 0.3, 0, 0.99).astype("f4")
     return Batch(obs, action, reward, next_obs, discount)

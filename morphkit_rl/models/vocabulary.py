@@ -1,0 +1,52 @@
+"""What a method must know of the training robots before it can make its networks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from morphkit.tokens import TokenSpec
+from morphkit_rl.models.layout import limb_action, parent_indices
+
+
+@dataclass(frozen=True, slots=True)
+class Vocabulary:
+    """Names and greatest sizes among the training robots; saved with a checkpoint.
+
+    Attributes:
+        sensors: Sorted distinct names of the sensor tokens.
+        actions: Sorted distinct names of the actions, one an actuator and one a limb without any.
+        scalars: Most scalars in a limb.
+        children: Most children of a limb.
+    """
+
+    sensors: tuple[str, ...] = ()
+    actions: tuple[str, ...] = ()
+    scalars: int = 0
+    children: int = 0
+
+    @classmethod
+    def of(cls, specs: Sequence[TokenSpec]) -> Vocabulary:
+        """The vocabulary of the robots `specs`."""
+        sensors = {sensor.name for spec in specs for sensor in spec.sensors}
+        actions = {actuator.name for spec in specs for actuator in spec.actuators}
+        scalars = children = 0
+        for spec in specs:
+            driven, parents = set(spec.actuator_limb.tolist()), parent_indices(spec)
+            token_limb = spec.token_limb.tolist()
+            for limb in range(len(spec.limbs)):
+                scalars = max(scalars, token_limb.count(limb))
+                children = max(children, parents.count(limb))
+                if limb not in driven:
+                    actions.add(limb_action(spec, limb)[0])
+        return cls(tuple(sorted(sensors)), tuple(sorted(actions)), scalars, children)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Vocabulary:
+        """Read what `to_dict` gave, also after a journey through JSON."""
+        return cls(tuple(values["sensors"]), tuple(values["actions"]), values["scalars"], values["children"])
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields as JSON can hold them."""
+        return asdict(self)
