@@ -86,21 +86,35 @@ class TrainerConfig:
     """Collection, logging and checkpoints.
 
     Attributes:
+        schedule: `sweeps`: after each step of all environments a few updates that mix all robots. `rounds`: the
+            published order; an episode of every robot, then, robot by robot, as many updates from its own replay as it
+            counted steps.
         num_envs: Environments a robot.
-        start_steps: Random environment steps, over all robots, before learning starts.
-        updates_per_sweep: Updates after each step of all environments.
+        start_steps: Random environment steps, over all robots.
+        start_steps_per_robot: The same as steps a robot; the larger of the two holds.
+        updates_per_sweep: Updates after each step of all environments, of the schedule `sweeps`.
         replay_capacity: Transitions kept, over all robots.
+        replay_dtype: How observations and actions are kept; `float16` takes half the memory.
+        normalize: Whether observations are standardised by running statistics.
         observation: `fixed`, or `legacy` with the published code's defects.
+        evaluate_steps: Steps between two noise-free evaluations of the training and validation robots; 0 for none.
+        evaluate_episodes: Episodes a robot in such an evaluation.
         precision: `bfloat16`, `float32`, or `auto` for what the processor is good at.
         log_seconds: Seconds between two rows of metrics.
         checkpoint_seconds: Seconds between two checkpoints.
     """
 
+    schedule: Literal["sweeps", "rounds"] = "sweeps"
     num_envs: int = 8
     start_steps: int = 20_000
+    start_steps_per_robot: int = 0
     updates_per_sweep: int = 4
     replay_capacity: int = 2_000_000
+    replay_dtype: Literal["float32", "float16"] = "float32"
+    normalize: bool = True
     observation: Literal["fixed", "legacy"] = "fixed"
+    evaluate_steps: int = 0
+    evaluate_episodes: int = 10
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
     log_seconds: float = 10.0
     checkpoint_seconds: float = 60.0
@@ -197,7 +211,7 @@ def _build(kind: type[Any], values: Mapping[str, Any], origin: str, section: str
 
 _AT_LEAST_ONE = (
     "batch_size", "n_step", "policy_delay", "num_envs", "updates_per_sweep",
-    "replay_capacity", "d_model", "layers", "heads", "feedforward",
+    "replay_capacity", "evaluate_episodes", "d_model", "layers", "heads", "feedforward",
 )  # fmt: skip
 
 
