@@ -1,0 +1,96 @@
+"""The bodies of a task in a split: loaded, checked, and with validation robots drawn from the training set."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from morphkit.description import Description
+from morphkit.errors import ConfigError
+from morphkit.io import read
+from morphkit.robots import load_all
+from morphkit_rl.benchmark.definition import Benchmark
+
+VALIDATION_SHARE = 0.25
+"""Share of a group's training robots that validation holds out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bodies:
+    """Robots of a task in a split; no two sets share one."""
+
+    train: tuple[Description, ...]
+    validation: tuple[Description, ...]
+    test: tuple[Description, ...]
+
+
+def gather(benchmark: Benchmark, task: str, split: str, *, validate: bool = False) -> Bodies:
+    """Load the robots of a task in a split.
+
+    Args:
+        benchmark: Tasks and splits.
+        task: Name of the task.
+        split: Name of the split.
+        validate: Hold out a quarter of each group's training robots (at least one, never all) for choosing anything.
+            They are drawn by split and group alone, so that all tasks, methods and seeds hold out the same.
+
+    Raises:
+        UnknownNameError: There is no such task, split or robot.
+        ConfigError: A body is in the training and in the test set, two have one name, or validation has nothing to
+            draw from.
+    """
+    train: list[Description] = []
+    validation: list[Description] = []
+    test: list[Description] = []
+    for group, sets in benchmark.groups(task, split).items():
+        known = _load(sets.train)
+        drawn = draw([each.name for each in known], f"{split}/{group}") if validate else frozenset()
+        train += [each for each in known if each.name not in drawn]
+        validation += [each for each in known if each.name in drawn]
+        test += _load(sets.test)
+    if validate and not validation:
+        raise ConfigError(f"task {task!r}, split {split!r}: too few training robots to hold one out for validation")
+    _check_disjoint((*train, *validation), test, f"task {task!r}, split {split!r}")
+    return Bodies(tuple(train), tuple(validation), tuple(test))
+
+
+def draw(names: Sequence[str], key: str) -> frozenset[str]:
+    """Draw the validation robots of a group: always the same for the same names and key; none of a single one."""
+    if len(names) < 2:
+        return frozenset()
+    number = max(1, round(VALIDATION_SHARE * len(names)))
+    rng = np.random.default_rng(zlib.crc32(key.encode()))
+    return frozenset(rng.choice(sorted(names), number, replace=False).tolist())
+
+
+def unseen_limbs(benchmark: Benchmark, split: str) -> dict[str, tuple[str, ...]]:
+    """By group, the limbs of held-out robots that no training robot of the group has."""
+    unseen = {}
+    for group, sets in benchmark.splits[split].items():
+        seen = set(_limbs(_load(sets.train)))
+        unseen[group] = tuple(dict.fromkeys(limb for limb in _limbs(_load(sets.test)) if limb not in seen))
+    return unseen
+
+
+def _load(targets: Iterable[str]) -> list[Description]:
+    return [description for target in targets for description in load_all(target)]
+
+
+def _limbs(descriptions: Iterable[Description]) -> list[str]:
+    return [limb.name for description in descriptions for limb in read(description).limbs]
+
+
+def _check_disjoint(train: Sequence[Description], test: Sequence[Description], where: str) -> None:
+    names = [each.name for each in (*train, *test)]
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigError(f"{where}: two robots are called {name!r}; each needs a name of its own")
+    trained = {each.sha256: each.name for each in train}
+    for each in test:
+        if each.sha256 in trained:
+            raise ConfigError(
+                f"{where}: {each.name!r} is held out, but trained on under the name {trained[each.sha256]!r}"
+            )
