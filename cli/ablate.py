@@ -65,6 +65,7 @@ def ablate(
     root: Annotated[
         str | None, typer.Option(metavar="NAME", help="The top-level body to take, where the file has several.")
     ] = None,
+    package: common.PackageOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the manifest as JSON.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")] = False,
 ) -> None:
@@ -78,10 +79,11 @@ def ablate(
 
     from morphkit.ablation import ablate as cut
     from morphkit.family import sub_morphologies
+    from morphkit.io.packages import parse_packages
     from morphkit.manifest import write_family
     from morphkit.robots import load
 
-    description = load(robot, root=root)
+    description = load(robot, root=root, packages=parse_packages(package or []))
     if every:
         found = sub_morphologies(description, min_limbs=min_limbs, max_limbs=max_limbs, limit=limit)
         variants = list(islice(found, limit))

@@ -8,7 +8,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,6 +16,17 @@ from morphkit.errors import OutputError
 
 if TYPE_CHECKING:
     from morphkit.description import Description
+
+
+PackageOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--package",
+        metavar="NAME=DIR",
+        help="Where a ROS package or Gazebo model lies that the file refers to; its files may be read. Goes before "
+        "ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and the folders around the file. Can be given several times.",
+    ),
+]
 
 
 class UsageError(typer.BadParameter):

@@ -43,6 +43,7 @@ def tokens(
     root: Annotated[
         str | None, typer.Option(metavar="NAME", help="The top-level body to take, where the file has several.")
     ] = None,
+    package: common.PackageOption = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write to FILE instead of stdout.")
     ] = None,
@@ -52,10 +53,11 @@ def tokens(
     The same file always gives the same bytes.
     """
     from morphkit.io import read
+    from morphkit.io.packages import parse_packages
     from morphkit.robots import load
     from morphkit.tokens import tokens as make_tokens
 
-    description = load(robot, root=root)
+    description = load(robot, root=root, packages=parse_packages(package or []))
     spec = make_tokens(
         read(description),
         naming=naming,

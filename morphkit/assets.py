@@ -10,7 +10,7 @@ from typing import Any
 
 from morphkit.description import Description
 from morphkit.errors import AssetError
-from morphkit.io.resolve import resolve_asset
+from morphkit.io.resolve import locate
 from morphkit.io.xml import parse
 
 _TEXTURE_FILES = ("file", "fileback", "filedown", "filefront", "fileleft", "fileright", "fileup")
@@ -37,17 +37,15 @@ def find_assets(description: Description) -> list[Asset]:
     """The files that a description refers to, in the order of the file, each once."""
     root = parse(description.source, file=description.file).getroot()
     references = _urdf(root) if description.format == "urdf" else _mjcf(root)
-    return [_find(reference, description.folder) for reference in dict.fromkeys(references)]
+    return [_find(reference, description) for reference in dict.fromkeys(references)]
 
 
-def _find(reference: str, folder: Path | None) -> Asset:
+def _find(reference: str, description: Description) -> Asset:
     place = _place(reference)
     if place is None:
         return Asset(reference, None, None, "is no path relative to the description; not copied")
-    if folder is None:
-        return Asset(reference, place, None, "not found: the description has no folder")
     try:
-        return Asset(reference, place, resolve_asset(reference, folder))
+        return Asset(reference, place, locate(reference, description))
     except AssetError as error:
         return Asset(reference, place, None, str(error).splitlines()[0])
 

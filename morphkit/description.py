@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -53,6 +54,7 @@ class Description:
         folder: Where relative paths of meshes and includes start; None for a description without assets.
         info: What stands in `robot.toml` or in the manifest.
         root: Name of the top-level body or link to take, where the file has several.
+        packages: Folder of each ROS package or Gazebo model that the user named, by name.
     """
 
     name: str
@@ -62,6 +64,7 @@ class Description:
     folder: Path | None = None
     info: RobotInfo = field(default_factory=RobotInfo)
     root: str | None = None
+    packages: Mapping[str, Path] = field(default_factory=dict)
 
     @property
     def sha256(self) -> str:

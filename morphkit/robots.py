@@ -6,6 +6,7 @@ import importlib.resources
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 from morphkit.description import Description, RobotInfo
 from morphkit.errors import DescriptionError, MorphkitError, UnknownNameError
@@ -14,16 +15,18 @@ from morphkit.robot_info import FILE_NAME, Recipe, RobotToml, read_robot_toml
 
 MANIFEST = "manifest.json"
 _SUFFIXES = (".urdf", ".xml")
+_NO_PACKAGES: Mapping[str, Path] = MappingProxyType({})
 
 
-def load(target: str | Path, *, root: str | None = None) -> Description:
+def load(target: str | Path, *, root: str | None = None, packages: Mapping[str, Path] = _NO_PACKAGES) -> Description:
     """Load one robot.
 
     Args:
         target: Name of a shipped robot (`cheetah`) or of one of its recipes (`cheetah_3_balanced`, cut from the full
-            robot in memory); else the path of a `.urdf` or `.xml` file, of a folder with a `robot.toml`, or of a
-            family (a `manifest.json` or its folder) of a single variant.
+            robot in memory); else the path of a `.urdf`, `.xml` or `.xacro` file, of a folder with a `robot.toml`, or
+            of a family (a `manifest.json` or its folder) of a single variant.
         root: Top-level body or link to take where the file has several.
+        packages: Folder of each ROS package or Gazebo model that the file refers to, by name; see `io.packages`.
 
     Returns:
         The description. What stands in a `robot.toml` or `manifest.json` beside a file that names the file goes along.
@@ -31,21 +34,25 @@ def load(target: str | Path, *, root: str | None = None) -> Description:
     Raises:
         UnknownNameError: There is no such robot and no such file; the message names the nearest.
         DescriptionError: The file is empty, not XML, or neither URDF nor MJCF, or what stands beside it is damaged.
+        DependencyError: A xacro file, and the library that expands it is not installed.
     """
-    found = load_all(target, root=root)
+    found = load_all(target, root=root, packages=packages)
     if len(found) != 1:
         names = ", ".join(description.name for description in found)
         raise DescriptionError(f"{target}: holds {len(found)} robots where one is expected; give one file of: {names}")
     return found[0]
 
 
-def load_all(target: str | Path, *, root: str | None = None) -> list[Description]:
+def load_all(
+    target: str | Path, *, root: str | None = None, packages: Mapping[str, Path] = _NO_PACKAGES
+) -> list[Description]:
     """Load one robot, or all variants of a family.
 
     Args:
         target: As in `load`; a folder with a `manifest.json`, or that file, gives all its variants in its order, a
             folder of description files gives them all, sorted by file name.
         root: As in `load`.
+        packages: As in `load`.
 
     Returns:
         At least one description.
@@ -64,7 +71,9 @@ def load_all(target: str | Path, *, root: str | None = None) -> list[Description
     try:
         if not path.exists():
             raise _unknown(path, tomls)
-        return _load_path(path, root)
+        if path.suffix == ".xacro" and path.is_file():
+            return [_expand(path, root, packages)]
+        return [replace(description, packages=packages) for description in _load_path(path, root)]
     except OSError as error:
         if isinstance(error, MorphkitError):
             raise
@@ -180,9 +189,19 @@ def _describe(path: Path, name: str, info: RobotInfo, root: str | None) -> Descr
 
     if not path.is_file():
         raise DescriptionError(f"{path}: is no regular file")
-    source = path.read_bytes()
+    source = xml.read_limited(path)
     form = xml.root_format(xml.parse(source, file=str(path)), file=str(path))
     return Description(name, path.name, form, source, path.parent, info, root)
+
+
+def _expand(path: Path, root: str | None, packages: Mapping[str, Path]) -> Description:
+    """The URDF that a xacro file describes."""
+    from morphkit.io import xacro, xml
+
+    source = xacro.expand(path, packages)
+    file = path.name.removesuffix(".xacro").removesuffix(".urdf") + ".urdf"
+    form = xml.root_format(xml.parse(source, file=f"{path} (expanded)"), file=f"{path} (expanded)")
+    return Description(Path(file).stem, file, form, source, path.parent, root=root, packages=packages)
 
 
 def _unknown(path: Path, tomls: Mapping[str, RobotToml]) -> UnknownNameError:

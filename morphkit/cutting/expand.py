@@ -2,76 +2,136 @@
 
 from __future__ import annotations
 
+import posixpath
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import mujoco
 from lxml import etree
 
+from morphkit.cutting.keyframes import Layout
 from morphkit.cutting.loss import Loss
 from morphkit.cutting.mjcf import body_elements
+from morphkit.cutting.references import Bones
+from morphkit.cutting.skins import bone_names
 from morphkit.cutting.source import Source
 from morphkit.description import Description
-from morphkit.errors import AssetError
+from morphkit.errors import AssetError, DescriptionError
 from morphkit.io.mjcf import name_elements
-from morphkit.io.resolve import flatten_includes, resolve_asset
-from morphkit.io.xml import parse, serialize
+from morphkit.io.resolve import flatten_includes, locate
+from morphkit.io.xml import parse, read_limited, serialize
 
 _EXPANDERS = ("replicate", "attach", "flexcomp", "composite")
 
 
-@dataclass
+@dataclass(frozen=True)
 class MjcfFile:
     """An editable MJCF file.
 
     Attributes:
         source: The file, includes flattened.
         bodies: Element of each body, by the name that the reader gives it, in file order.
+        layout: That of its keyframes.
+        bones: The bodies that its skin files name.
         findings: What had to be done to the file before it could be cut.
     """
 
     source: Source
     bodies: dict[str, Any]
-    findings: list[Loss] = field(default_factory=list)
+    layout: Layout
+    bones: Bones
+    findings: tuple[Loss, ...]
+
+
+class MjcfOpener:
+    """Opens an MJCF description for cutting, any number of times; what all times share is done once."""
+
+    def __init__(self, description: Description) -> None:
+        self._description = description
+        self._findings: tuple[Loss, ...] = ()
+        tree = parse(description.source, file=description.file)
+        if next(tree.iter("include"), None) is not None:
+            flatten_includes(tree, description.folder, file=description.file, packages=description.packages)
+            self._description = replace(description, source=serialize(tree))
+            self._findings = (Loss("format", "include", "", "included files were written into the description"),)
+
+    def open(self, wanted: Sequence[str]) -> MjcfFile:
+        """Open the file for cutting at the bodies `wanted`.
+
+        Bodies that only exist once MuJoCo has expanded `replicate` or `attach` are cut in what MuJoCo writes out; a
+        finding of kind `format` says so.
+
+        Raises:
+            AssetError: MuJoCo has to write the file out and a mesh is missing.
+        """
+        file = self._written.open(self._findings)
+        if self._expandable and not _reachable(file, wanted):
+            reason = "limbs made by replicate or attach were cut in MuJoCo's own output; comments and layout are lost"
+            return self._expanded.open((*self._findings, Loss("format", self._description.file, "", reason)))
+        return file
+
+    @cached_property
+    def _written(self) -> _Shared:
+        return _Shared(self._description, self._expandable)
+
+    @cached_property
+    def _expandable(self) -> bool:
+        return next(parse(self._description.source, file=self._description.file).iter(*_EXPANDERS), None) is not None
+
+    @cached_property
+    def _expanded(self) -> _Shared:
+        return _Shared(replace(self._description, source=_write_out(self._description)), False)
+
+
+class _Shared:
+    """What every edit of one file shares."""
+
+    def __init__(self, description: Description, partial: bool) -> None:
+        self._source = Source(description.source, file=description.file)
+        self._layout: Layout | None = None
+        self._bones = _bones(self._source.root, description)
+        elements = body_elements(self._source.root)
+        self._names = [element.get("name") for element in elements]
+        if None in self._names and not partial:
+            self._names = [body.name for body in _parse_spec(description).bodies[1:]]
+            assert len(self._names) == len(elements)
+
+    def open(self, findings: tuple[Loss, ...]) -> MjcfFile:
+        if self._layout is None:
+            self._layout = Layout(self._source.root)
+        source = self._source.again()
+        elements = zip(self._names, body_elements(source.root), strict=True)
+        bodies = {name: element for name, element in elements if name is not None}
+        return MjcfFile(source, bodies, self._layout, self._bones, findings)
 
 
 def open_mjcf(description: Description, wanted: Sequence[str]) -> MjcfFile:
-    """Open an MJCF description for cutting at the bodies `wanted`.
-
-    Bodies that only exist once MuJoCo has expanded `replicate` or `attach` are cut in what MuJoCo writes out; a finding
-    of kind `format` says so.
-
-    Raises:
-        AssetError: MuJoCo has to write the file out and a mesh is missing.
-    """
-    findings = []
-    tree = parse(description.source, file=description.file)
-    if next(tree.iter("include"), None) is not None:
-        flatten_includes(tree, description.folder, file=description.file)
-        description = replace(description, source=serialize(tree))
-        findings.append(Loss("format", "include", "", "included files were written into the description"))
-    source = Source(description.source, file=description.file)
-    bodies = _bodies(source, description)
-    if all(name in bodies and next(bodies[name].iter(*_EXPANDERS), None) is None for name in wanted) and not any(
-        above.tag in _EXPANDERS for name in wanted for above in bodies[name].iterancestors()
-    ):
-        return MjcfFile(source, bodies, findings)
-    expanded = replace(description, source=_write_out(description))
-    source = Source(expanded.source, file=description.file)
-    reason = "limbs made by replicate or attach were cut in MuJoCo's own output; comments and layout are lost"
-    return MjcfFile(source, _bodies(source, expanded), [*findings, Loss("format", description.file, "", reason)])
+    """Open an MJCF description once; see `MjcfOpener.open`."""
+    return MjcfOpener(description).open(wanted)
 
 
-def _bodies(source: Source, description: Description) -> dict[str, Any]:
-    elements = body_elements(source.root)
-    named = {element.get("name"): element for element in elements if element.get("name") is not None}
-    if len(named) == len(elements):
-        return named
-    if next(source.root.iter(*_EXPANDERS), None) is not None:
-        return named
-    names = [body.name for body in _parse_spec(description).bodies[1:]]
-    return dict(zip(names, elements, strict=True))
+def _reachable(file: MjcfFile, wanted: Sequence[str]) -> bool:
+    """Whether all bodies `wanted` stand in the file, and nothing around or below them has to be expanded."""
+    if any(name not in file.bodies or next(file.bodies[name].iter(*_EXPANDERS), None) is not None for name in wanted):
+        return False
+    return not any(above.tag in _EXPANDERS for name in wanted for above in file.bodies[name].iterancestors())
+
+
+def _bones(root: Any, description: Description) -> Bones:
+    """The bodies that each skin file names; a file that cannot be read names none."""
+    bones = {}
+    for skin in root.iter("skin"):
+        file = skin.get("file")
+        if file is not None:
+            folders = [compiler.get("meshdir", compiler.get("assetdir")) for compiler in root.iterfind("compiler")]
+            folder = next((path for path in reversed(folders) if path), "")
+            try:
+                bones[file] = bone_names(read_limited(locate(posixpath.join(folder, file), description)))
+            except (OSError, DescriptionError):
+                continue
+    return bones
 
 
 def _write_out(description: Description) -> bytes:
@@ -95,8 +155,7 @@ def _parse_spec(description: Description) -> mujoco.MjSpec:
     """The model as MuJoCo parses it, every body named as the reader names it."""
     tree = parse(description.source, file=description.file)
     for model in tree.iterfind("asset/model[@file]"):
-        if description.folder is not None:
-            model.set("file", str(resolve_asset(model.get("file") or "", description.folder)))
+        model.set("file", str(locate(model.get("file") or "", description)))
     spec = mujoco.MjSpec.from_string(etree.tostring(tree.getroot(), encoding="unicode"))
     name_elements(spec)
     return spec

@@ -15,7 +15,7 @@ from morphkit.errors import AssetError, DescriptionError
 from morphkit.io import xml
 from morphkit.io.actuators import Where, is_limited, joint_range, read_actuators
 from morphkit.io.common import choose_root, limb_type, unique
-from morphkit.io.resolve import flatten_includes, resolve_asset
+from morphkit.io.resolve import flatten_includes, locate
 from morphkit.morphology import Base, Joint, JointKind, Limb, Morphology, Sensor
 
 _KINDS: dict[Any, JointKind] = {
@@ -82,7 +82,7 @@ def _parse(description: Description) -> tuple[mujoco.MjSpec, Where]:
         raise DescriptionError(f"{file}:{tree.getroot().sourceline}: a URDF file, expected MJCF")
     edited = next(tree.iter("include", "model"), None) is not None  # then MuJoCo's line numbers are not the file's
     if edited:
-        flatten_includes(tree, description.folder, file=file)
+        flatten_includes(tree, description.folder, file=file, packages=description.packages)
         _locate_models(tree, description)
         text = etree.tostring(tree.getroot(), encoding="unicode")
     else:
@@ -104,13 +104,10 @@ def _parse(description: Description) -> tuple[mujoco.MjSpec, Where]:
 def _locate_models(tree: etree._ElementTree, description: Description) -> None:
     """Make the paths of models to attach absolute, in place; MuJoCo reads those while it parses."""
     for model in tree.iterfind("asset/model[@file]"):
-        where = f"{description.file}:{model.sourceline}"
-        if description.folder is None:
-            raise DescriptionError(f"{where}: <model file={model.get('file')!r}> cannot be followed without a folder")
         try:
-            model.set("file", str(resolve_asset(model.get("file") or "", description.folder)))
+            model.set("file", str(locate(model.get("file") or "", description)))
         except AssetError as error:
-            raise AssetError(f"{where}: {error}") from None
+            raise AssetError(f"{description.file}:{model.sourceline}: {error}") from None
 
 
 def name_elements(spec: mujoco.MjSpec) -> None:

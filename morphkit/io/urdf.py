@@ -20,6 +20,7 @@ from morphkit.morphology import Actuator, Base, Joint, JointKind, Limb, Morpholo
 WORLD = "world"
 _KINDS: dict[str, JointKind] = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "spherical": "ball"}
 _BASES: dict[str, Base] = {"floating": "free", "planar": "planar"}
+_JOINT_PARTS = ("parent", "child", "origin", "axis", "limit", "mimic")
 _UNITS: dict[JointKind, str] = {"hinge": "N*m", "slide": "N", "ball": "N*m", "free": "1"}
 
 
@@ -75,7 +76,9 @@ def _robot(tree: etree._ElementTree, file: str) -> Any:
     skeleton = etree.Element("robot", name="robot")
     for link in tree.getroot().iterchildren("link"):
         etree.SubElement(skeleton, "link", name=link.get("name") or "")
-    skeleton.extend(copy.deepcopy(joint) for joint in tree.getroot().iterchildren("joint"))
+    for joint in tree.getroot().iterchildren("joint"):
+        bare = etree.SubElement(skeleton, "joint", name=joint.get("name") or "", type=joint.get("type") or "")
+        bare.extend(copy.deepcopy(part) for part in joint.iterchildren(*_JOINT_PARTS))
     try:
         return yourdfpy.URDF.load(
             io.BytesIO(etree.tostring(skeleton)), load_meshes=False, build_scene_graph=False

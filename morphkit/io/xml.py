@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import re
-from typing import cast
+from pathlib import Path
+from typing import Any, cast
 
 from lxml import etree
 
@@ -14,6 +15,7 @@ from morphkit.morphology import Format
 MAX_BYTES = 64 * 1024 * 1024
 _UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 _PROLOG = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s+|<\?.*?\?>|<!--.*?-->)*+", re.DOTALL)
+_HARMLESS = (etree.ErrorTypes.NS_ERR_UNDEFINED_NAMESPACE, etree.ErrorTypes.ERR_UNKNOWN_VERSION)
 _FORMATS: dict[str, Format] = {"robot": "urdf", "mujoco": "mjcf"}
 
 
@@ -23,6 +25,19 @@ class _Parser(etree.XMLParser):
     prolog: bytes | None = None
     epilog: bytes = b""
     crlf: bool = False
+
+
+def read_limited(path: Path) -> bytes:
+    """Return the bytes of a file of at most 64 MiB; OSError where it cannot be read.
+
+    Raises:
+        DescriptionError: The file is larger.
+    """
+    with path.open("rb") as file:
+        source = file.read(MAX_BYTES + 1)
+    if len(source) > MAX_BYTES:
+        raise _size_error(str(path), path.stat().st_size)
+    return source
 
 
 def parse(source: bytes, *, file: str) -> etree._ElementTree:
@@ -41,10 +56,7 @@ def parse(source: bytes, *, file: str) -> etree._ElementTree:
     if not source.strip(b" \t\r\n\xef\xbb\xbf"):
         raise DescriptionError(f"{file}:1: the file is empty; expected a URDF (<robot>) or MJCF (<mujoco>) description")
     if len(source) > MAX_BYTES:
-        raise DescriptionError(
-            f"{file}: {len(source) / 2**20:.0f} MiB of XML, more than the limit of {MAX_BYTES // 2**20} MiB;"
-            " move meshes and other data into files of their own"
-        )
+        raise _size_error(file, len(source))
     wide = source.startswith(_UTF16_MARKS)
     if not wide and b"\0" in source:
         line = source.count(b"\n", 0, source.index(b"\0")) + 1
@@ -52,7 +64,35 @@ def parse(source: bytes, *, file: str) -> etree._ElementTree:
     prolog = b"" if wide else cast(re.Match[bytes], _PROLOG.match(source)).group()
     if source[len(prolog) :].startswith(b"<!DOCTYPE"):
         raise _doctype_error(file, prolog.count(b"\n") + 1)
-    parser = _Parser(
+    parser = _parser()
+    try:
+        tree = _parse_leniently(source, parser)
+    except etree.XMLSyntaxError as error:
+        fatal = _first_serious(parser)
+        reason = " ".join((fatal.message if fatal is not None else error.msg or "unknown error").split())
+        line = (fatal.line if fatal is not None else error.lineno) or 1
+        if "depth" in reason:
+            raise DescriptionError(
+                f"{file}:{line}: elements are nested deeper than 256; a robot description is flatter"
+            ) from None
+        raise DescriptionError(
+            f"{file}:{line}: not well-formed XML: {reason}; expected a URDF (<robot>) or MJCF (<mujoco>) description"
+        ) from None
+    except (LookupError, ValueError) as error:
+        raise DescriptionError(f"{file}:1: cannot be read as XML: {error}; save the file as UTF-8") from None
+    if tree.docinfo.internalDTD is not None:
+        raise _doctype_error(file, 1)
+    parser = tree.parser  # the one that made the tree, and stays with it
+    if not wide:
+        parser.prolog = prolog
+        parser.epilog = _epilog(source, tree)
+        parser.crlf = source.count(b"\r\n") == source.count(b"\n") > 0
+    return tree
+
+
+def _parser(*, recover: bool = False) -> _Parser:
+    return _Parser(
+        recover=recover,
         resolve_entities=False,
         no_network=True,
         load_dtd=False,
@@ -61,27 +101,24 @@ def parse(source: bytes, *, file: str) -> etree._ElementTree:
         huge_tree=False,
         strip_cdata=False,
     )
+
+
+def _parse_leniently(source: bytes, parser: _Parser) -> etree._ElementTree:
+    """Parse; a prefix without a namespace (`<drake:damping>`) and an odd XML version are no reason to refuse a file."""
     try:
-        tree = cast(etree._ElementTree, etree.parse(io.BytesIO(source), parser))
-    except etree.XMLSyntaxError as error:
-        reason = " ".join((error.msg or "unknown error").split())
-        if "depth" in reason:
-            raise DescriptionError(
-                f"{file}:{error.lineno or 1}: elements are nested deeper than 256; a robot description is flatter"
-            ) from None
-        raise DescriptionError(
-            f"{file}:{error.lineno or 1}: not well-formed XML: {reason};"
-            " expected a URDF (<robot>) or MJCF (<mujoco>) description"
-        ) from None
-    except (LookupError, ValueError) as error:
-        raise DescriptionError(f"{file}:1: cannot be read as XML: {error}; save the file as UTF-8") from None
-    if tree.docinfo.internalDTD is not None:
-        raise _doctype_error(file, 1)
-    if not wide:
-        parser.prolog = prolog
-        parser.epilog = _epilog(source, tree)
-        parser.crlf = source.count(b"\r\n") == source.count(b"\n") > 0
-    return tree
+        return cast(etree._ElementTree, etree.parse(io.BytesIO(source), parser))
+    except etree.XMLSyntaxError:
+        if not len(parser.error_log) or _first_serious(parser) is not None:
+            raise
+        again = _parser(recover=True)
+        tree = cast(etree._ElementTree, etree.parse(io.BytesIO(source), again))
+        if tree.getroot() is None or _first_serious(again) is not None:
+            raise
+        return tree
+
+
+def _first_serious(parser: _Parser) -> Any:
+    return next((entry for entry in parser.error_log if entry.type not in _HARMLESS), None)
 
 
 def serialize(tree: etree._ElementTree) -> bytes:
@@ -125,6 +162,13 @@ def root_format(tree: etree._ElementTree, *, file: str) -> Format:
         hint = "; remove the namespace declaration xmlns=... from the root element"
     raise DescriptionError(
         f"{file}:{root.sourceline}: root element <{tag}>, expected <robot> (URDF) or <mujoco> (MJCF){hint}"
+    )
+
+
+def _size_error(file: str, size: int) -> DescriptionError:
+    return DescriptionError(
+        f"{file}: {size / 2**20:.0f} MiB of XML, more than the limit of {MAX_BYTES // 2**20} MiB;"
+        " move meshes and other data into files of their own"
     )
 
 

@@ -1,0 +1,103 @@
+"""xacro files into URDF, by the library of that name, in a process of its own with limits.
+
+A xacro file is a program: its expressions are evaluated, and it can include files. The library forbids Python's
+builtins, but only a file that one trusts should be expanded.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from morphkit.errors import DependencyError, DescriptionError
+
+LIMIT_S = 30
+LIMIT_BYTES = 2 * 1024**3
+
+
+def expand(path: Path, packages: Mapping[str, Path]) -> bytes:
+    """Return the URDF that a `.xacro` file describes.
+
+    `$(find name)` is looked for as in `package://name`; arguments have their defaults. The library runs for 30 s and
+    in 2 GiB at most.
+
+    Raises:
+        DependencyError: The library is not installed.
+        DescriptionError: The file cannot be expanded; the message is the library's.
+    """
+    if importlib.util.find_spec("xacro") is None:
+        raise DependencyError(
+            f"{path}: is a xacro file, and the library that expands it is not installed: pip install 'morphkit[xacro]'."
+            f" Or expand it elsewhere: xacro {path.name} > {path.name.removesuffix('.xacro')}"
+        )
+    request = json.dumps([str(path), {name: str(folder) for name, folder in packages.items()}])
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "morphkit.io.xacro", request], capture_output=True, timeout=LIMIT_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        raise DescriptionError(f"{path}: expanding it took more than {LIMIT_S} s") from None
+    if done.returncode:
+        lines = done.stderr.decode(errors="replace").strip().splitlines()
+        reason = lines[-1].removeprefix("error: ") if lines else f"the library ended with code {done.returncode}"
+        raise DescriptionError(f"{path}: cannot be expanded by xacro: {reason}")
+    return done.stdout
+
+
+def _expand_here(path: Path, packages: Mapping[str, Path]) -> str:
+    """Expand in this process."""
+    import xacro
+    from xacro import substitution_args
+
+    from morphkit.io.packages import homes
+
+    def find(name: str) -> str:
+        tried = [home.path for home in homes(name, path.parent.resolve(), packages)]
+        found = next((home for home in tried if home.is_dir()), None)
+        if found is None:
+            listed = ", ".join(map(str, tried)) or "no folder of that name around the robot"
+            raise ValueError(f"package {name!r} not found; say where it is with --package {name}=DIR. Tried: {listed}")
+        return str(found)
+
+    substitution_args._eval_find = find
+    substitution_args._eval_dict["find"] = find
+    parse = xacro.parse
+
+    def parse_plain(source: object, filename: str | None = None) -> object:
+        if filename and b"<!DOCTYPE" in Path(filename).read_bytes():
+            raise ValueError(f"{filename}: document type declarations are refused")
+        return parse(source, filename)
+
+    xacro.parse = parse_plain
+    return str(xacro.process_file(str(path)).toprettyxml(indent="  "))
+
+
+def _limit_resources() -> None:
+    import resource
+
+    resource.setrlimit(resource.RLIMIT_AS, (LIMIT_BYTES, LIMIT_BYTES))
+    resource.setrlimit(resource.RLIMIT_CPU, (LIMIT_S, LIMIT_S))
+
+
+def main() -> None:
+    """Expand what the first argument says and print it."""
+    path, packages = json.loads(sys.argv[1])
+    if os.name == "posix":
+        _limit_resources()
+    sys.stdout.reconfigure(encoding="utf-8")  # type: ignore[union-attr]
+    try:
+        print(_expand_here(Path(path), {name: Path(folder) for name, folder in packages.items()}))
+    except MemoryError:
+        sys.exit("error: it needs more than 2 GiB of memory")
+    except Exception as error:
+        cause = getattr(error, "exc", None) or error
+        sys.exit(f"error: {' '.join(str(cause).split()) or type(cause).__name__}")
+
+
+if __name__ == "__main__":
+    main()
