@@ -3,6 +3,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -82,6 +83,33 @@ def test_results_depend_neither_on_grouping_nor_on_threads(threads: int) -> None
     np.testing.assert_array_equal(alone.reset()[0], together.reset()[1])
     first, second = roll(alone, 60)["walker"], roll(together, 60)["walker"]
     np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.parametrize("robot", ["cheetah", "walker_4_main", "humanoid_2d", "hopper_3", "arm", "quadruped"])
+def test_physics_is_the_models_to_the_last_bit(robot: str) -> None:
+    """What the batch leaves out of a step, such as sensors and the search for islands, has no part in its result."""
+    env = batch([robot], task={"healthy_height": None, "healthy_pitch": None, "healthy_state": None})
+    env.reset()
+    model, skip = simulation(robot).model, env.tasks[0].frame_skip
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        low, high = np.array([(token.low, token.high) for token in env.specs[0].actuators]).T
+        action = rng.uniform(low, high, (2, model.nu))
+        qpos, qvel = env.state(0)
+        env.step([action])
+        mujoco.mj_resetData(model, data)
+        data.qpos, data.qvel, data.ctrl = qpos[1], qvel[1], action[1]
+        mujoco.mj_step(model, data, nstep=skip)
+        np.testing.assert_array_equal(env.state(0)[0][1], data.qpos)
+        np.testing.assert_array_equal(env.state(0)[1][1], data.qvel)
+
+
+def test_the_simulator_takes_no_time_measurements() -> None:
+    batch(["cheetah"])
+    data = mujoco.MjData(simulation("cheetah").model)
+    mujoco.mj_step(simulation("cheetah").model, data)
+    assert data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration == 0
 
 
 def test_seed_changes_the_start() -> None:
