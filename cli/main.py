@@ -12,9 +12,9 @@ from typing import Annotated
 
 import typer
 
-from morphkit.errors import MorphkitError
+from morphkit.errors import MorphkitError, TrainingError
 
-from . import ablate, evaluate, robots, tokens, train
+from . import ablate, benchmark, benchmark_run, evaluate, robots, tokens, train
 
 INTERRUPTED = 130
 
@@ -46,11 +46,11 @@ def morphkit(
     """From a robot file to one policy that controls every body you can cut out of it."""
 
 
-def _register(name: str, command: Callable[..., None], examples: Sequence[str]) -> None:
+def _register(name: str, command: Callable[..., None], examples: Sequence[str], to: typer.Typer = app) -> None:
     """Add a command whose help is its docstring, unwrapped so that it fills any terminal, and its examples."""
     paragraphs = [" ".join(part.split()) for part in (command.__doc__ or "").split("\n\n")]
     epilog = "\n".join(["Examples:", *(f"  {example}" for example in examples)])
-    app.command(name, help="\n\n".join(paragraphs), short_help=paragraphs[0], epilog=epilog)(command)
+    to.command(name, help="\n\n".join(paragraphs), short_help=paragraphs[0], epilog=epilog)(command)
 
 
 _register("robots", robots.robots, robots.EXAMPLES)
@@ -58,6 +58,13 @@ _register("tokens", tokens.tokens, tokens.EXAMPLES)
 _register("ablate", ablate.ablate, ablate.EXAMPLES)
 _register("train", train.train, train.EXAMPLES)
 _register("evaluate", evaluate.evaluate, evaluate.EXAMPLES)
+
+_benchmark = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
+app.add_typer(_benchmark, name="benchmark", help="The modular-rl benchmark: 32 bodies, 8 tasks, 3 splits.")
+_register("robots", benchmark.robots, benchmark.ROBOTS_EXAMPLES, to=_benchmark)
+_register("run", benchmark_run.run, benchmark_run.EXAMPLES, to=_benchmark)
+_register("status", benchmark.status, benchmark.STATUS_EXAMPLES, to=_benchmark)
+_register("report", benchmark.report, benchmark.REPORT_EXAMPLES, to=_benchmark)
 
 
 def _complain(message: str) -> None:
@@ -110,7 +117,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return 0
     except MorphkitError as error:
         _complain(str(error))
-        return 2
+        return 1 if isinstance(error, TrainingError) else 2
     except OSError as error:
         _drop_stdout()
         where = f"{error.filename}: " if error.filename else ""

@@ -31,6 +31,10 @@ class ConfigError(MorphkitError, ValueError):
     """A setting that does not exist or has an impossible value."""
 
 
+class TrainingError(MorphkitError, ArithmeticError):
+    """A training run whose numbers are no longer finite; the command line exits with 1."""
+
+
 class CheckpointError(MorphkitError, ValueError):
     """A run folder or checkpoint that is missing, damaged or made for something else."""
 

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from morphkit.tokens import TokenSpec
+
+if TYPE_CHECKING:
+    from morphkit_rl.models.layout import Layout
 
 
 class ActionScale:
@@ -18,3 +23,17 @@ class ActionScale:
     def to_controls(self, action: np.ndarray) -> np.ndarray:
         """(..., actuators) in [-1, 1] to the actuators' units."""
         return self.center + self.half * action
+
+
+class ActionRows:
+    """Action rows of a layout to controls: the columns that drive an actuator, in its units."""
+
+    def __init__(self, layout: Layout):
+        self._parts = [
+            (np.arange(columns.start, columns.stop)[used], ActionScale(spec))
+            for columns, used, spec in zip(layout.actions, layout.actuator_columns, layout.specs, strict=True)
+        ]
+
+    def to_controls(self, action: np.ndarray) -> list[np.ndarray]:
+        """(batch, actions) in [-1, 1] to one (batch, actuators) a robot."""
+        return [scale.to_controls(action[:, columns]) for columns, scale in self._parts]

@@ -1,7 +1,7 @@
 """Run folders: crash-safe checkpoints without pickle.
 
 A checkpoint is a folder that is written under a temporary name and renamed when it is whole; `checkpoints/latest`
-names the newest. The replay is kept beside them in immutable segments, so that a checkpoint writes only what is new.
+names the newest. The replay is kept beside them, see `replay_files`.
 """
 
 from __future__ import annotations
@@ -9,7 +9,8 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,8 @@ from safetensors.numpy import load_file, save_file
 from torch import nn
 
 from morphkit.errors import CheckpointError, OutputError
-from morphkit_rl.replay import FIELDS, Ring
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 _LATEST = "latest"
 
 
@@ -53,47 +53,55 @@ def create_run(run: Path) -> None:
         raise OutputError(f"{run}: cannot make the run folder: {error.strerror}") from None
 
 
-def save(
-    run: Path, tensors: Mapping[str, Mapping[str, np.ndarray]], state: dict[str, Any], rings: Sequence[Ring]
-) -> None:
-    """Write a checkpoint and make it the latest; older ones go.
+@contextmanager
+def writing(run: Path) -> Iterator[None]:
+    """Around everything that writes a checkpoint of `run`.
+
+    Raises:
+        OutputError: The disk is full or the folder cannot be written.
+    """
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or error
+        raise OutputError(f"{run}: cannot write a checkpoint: {reason}; the last one is whole") from None
+
+
+def save(run: Path, tensors: Mapping[str, Mapping[str, np.ndarray]], state: Mapping[str, Any]) -> None:
+    """Write a checkpoint and make it the latest; older ones go, and replay segments that it does not need.
 
     Args:
         run: The run folder.
         tensors: One safetensors file a name.
-        state: What JSON can hold; `steps` names the checkpoint.
-        rings: Replay, all rings filled in step.
+        state: What JSON can hold; `real_steps` and `updates` name the checkpoint, `segments` lists its replay.
 
     Raises:
-        OutputError: The disk is full or the folder cannot be written; the previous checkpoint stays.
+        OSError: The disk is full or the folder cannot be written; the previous checkpoint stays.
     """
     folder = run / "checkpoints"
-    name = f"step-{state['steps']:012d}"
+    name = f"step-{state['real_steps']:012d}-{state['updates']:010d}"
     temporary = folder / f".{name}.tmp"
     try:
-        segments = _save_replay(run, rings)
         shutil.rmtree(temporary, ignore_errors=True)
         temporary.mkdir(parents=True)
         for file, arrays in tensors.items():
-            _save_arrays(temporary / f"{file}.safetensors", arrays)
+            save_arrays(temporary / f"{file}.safetensors", arrays)
         sizes = {path.name: path.stat().st_size for path in sorted(temporary.iterdir())}
-        whole = {"format_version": FORMAT_VERSION, **state, "files": sizes, "segments": segments}
+        whole = {"format_version": FORMAT_VERSION, **state, "files": sizes}
         write_text(temporary / "state.json", json.dumps(whole, indent=1))
         final = folder / name
         if final.exists():
             shutil.rmtree(final)
         temporary.rename(final)
         write_text(folder / _LATEST, name + "\n")
-    except OSError as error:
+    except OSError:
         shutil.rmtree(temporary, ignore_errors=True)
-        raise OutputError(
-            f"{run}: cannot write a checkpoint: {error.strerror or error}; the last one is whole"
-        ) from None
+        raise
     for old in folder.iterdir():
         if old.is_dir() and old.name != name:
             shutil.rmtree(old, ignore_errors=True)
     for old in (run / "replay").iterdir():
-        if old.name not in {segment["file"] for segment in segments}:
+        if old.name not in {segment["file"] for segment in state["segments"]}:
             old.unlink(missing_ok=True)
 
 
@@ -133,6 +141,21 @@ def load_state(run: Path) -> tuple[Path, dict[str, Any]]:
             found = f"{path.stat().st_size} bytes" if path.is_file() else "nothing"
             raise CheckpointError(f"{path}: cut short: expected {size} bytes, found {found}")
     return folder, state
+
+
+def segments(run: Path) -> list[dict[str, Any]]:
+    """The replay segments of the latest checkpoint; none before the first."""
+    return list(load_state(run)[1]["segments"]) if has_checkpoint(run) else []
+
+
+def check_method(folder: Path, state: Mapping[str, Any], method: str) -> None:
+    """Refuse the checkpoint of another method.
+
+    Raises:
+        CheckpointError: `state` is not of `method`.
+    """
+    if state.get("method") != method:
+        raise CheckpointError(f"{folder}: a checkpoint of method {state.get('method')!r}, but the run says {method!r}")
 
 
 def load_arrays(path: Path) -> dict[str, np.ndarray]:
@@ -194,40 +217,12 @@ def load_optimizers(optimizers: Mapping[str, torch.optim.Optimizer], arrays: Map
         optimizer.load_state_dict({**whole, "state": state})
 
 
-def load_replay(run: Path, segments: Sequence[Mapping[str, Any]], rings: Sequence[Ring], added: int) -> None:
-    """Fill the rings from their segments."""
-    for segment in segments:
-        arrays = load_arrays(run / "replay" / segment["file"])
-        for number, ring in enumerate(rings):
-            rows = ring.rows(segment["first"], segment["last"])
-            for name in FIELDS:
-                getattr(ring, name)[rows] = arrays[f"{number}/{name}"]
-    for ring in rings:
-        ring.added = added
+def save_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write one safetensors file under a temporary name and rename it.
 
-
-def _save_replay(run: Path, rings: Sequence[Ring]) -> list[dict[str, Any]]:
-    """Write what was added since the last checkpoint; returns the segments that hold the whole replay."""
-    try:
-        segments = [dict(segment) for segment in load_state(run)[1]["segments"]]
-    except CheckpointError:
-        segments = []
-    added = rings[0].added
-    oldest = max(added - rings[0].sweeps, 0)
-    segments = [segment for segment in segments if oldest < segment["last"] <= added]
-    first = max(segments[-1]["last"] if segments else 0, oldest)
-    if first < added:
-        file = f"sweeps-{first:010d}-{added:010d}.safetensors"
-        arrays = {}
-        for number, ring in enumerate(rings):
-            rows = ring.rows(first, added)
-            arrays.update({f"{number}/{name}": getattr(ring, name)[rows] for name in FIELDS})
-        _save_arrays(run / "replay" / file, arrays)
-        segments.append({"file": file, "first": first, "last": added})
-    return segments
-
-
-def _save_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    Raises:
+        OSError: The disk is full or the folder cannot be written.
+    """
     temporary = path.with_name(f".{path.name}.tmp")
     try:
         save_file({key: np.ascontiguousarray(array) for key, array in arrays.items()}, temporary)

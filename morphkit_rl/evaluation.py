@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,15 +15,13 @@ from morphkit.description import Description
 from morphkit.errors import ConfigError
 from morphkit.morphology import Base
 from morphkit.simulation import Simulation
-from morphkit_rl.actions import ActionScale
+from morphkit_rl import runs
 from morphkit_rl.envs.batch import BatchEnv
+from morphkit_rl.episodes import normalised, play, random_controller
 from morphkit_rl.policy import Policy
-from morphkit_rl.robots import Robot, prepare
+from morphkit_rl.robots import Robot
 
 RESAMPLES = 10_000
-
-Act = Callable[[np.ndarray], np.ndarray]
-"""Observations (batch, tokens) to controls (batch, actuators)."""
 
 
 @dataclass(frozen=True)
@@ -79,9 +76,7 @@ class RobotResult:
     @property
     def normalised(self) -> float | None:
         """(return - random) / (expert - random); None where no expert return is known."""
-        if self.expert_return is None:
-            return None
-        return (self.mean - self.random_mean) / (self.expert_return - self.random_mean)
+        return normalised(self.mean, self.random_mean, self.expert_return)
 
 
 def evaluate(
@@ -157,34 +152,11 @@ def single_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-def play(env: BatchEnv, act: Act) -> tuple[np.ndarray, np.ndarray]:
-    """Play the first episode of every environment of a single-robot batch.
-
-    Returns:
-        Returns and lengths, (environments,).
-    """
-    obs = env.reset()[0]
-    returns = np.zeros(len(obs))
-    lengths = np.zeros(len(obs), int)
-    going = np.ones(len(obs), bool)
-    while going.any():
-        step = env.step([act(obs)])
-        returns[going] += step.reward[0][going]
-        lengths[going] += 1
-        going &= ~(step.terminated[0] | step.truncated[0])
-        obs = step.obs[0]
-    return returns, lengths
-
-
 def _evaluate_one(policy: Policy, robot: Robot, episodes: int, seed: int) -> RobotResult:
     env = _single(policy, robot, episodes, seed)
-    returns, lengths = play(env, lambda obs: policy.act(robot.spec, obs))
-    env.close()
-    rng = np.random.default_rng([seed, zlib.crc32(robot.name.encode())])
-    scale = ActionScale(robot.spec)
-    shape = (episodes, len(robot.spec.actuators))
-    env = _single(policy, robot, episodes, seed)
-    random_returns, _ = play(env, lambda _: scale.to_controls(rng.uniform(-1, 1, shape)))
+    (returns,), (lengths,) = play(env, lambda obs: [policy.act(robot.spec, obs[0])])
+    env.seed(seed)
+    (random_returns,), _ = play(env, random_controller(env, seed))
     env.close()
     return RobotResult(
         robot=robot.name,
@@ -197,7 +169,7 @@ def _evaluate_one(policy: Policy, robot: Robot, episodes: int, seed: int) -> Rob
 
 
 def _prepared(policy: Policy, description: Description, task: str | None, base: Base | None) -> Robot:
-    robot = prepare(description, policy.config.text.naming, task=task, base=base)
+    robot = runs.prepare_robot(policy.config, description, task=task, base=base)
     if not robot.spec.actuators:
         raise ConfigError(f"{robot.name}: has no actuators, so there is nothing to control")
     return robot

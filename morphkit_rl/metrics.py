@@ -23,23 +23,31 @@ def read_metrics(run: Path) -> list[dict[str, Any]]:
 
 
 class MetricsLog:
-    """Appends to `metrics.jsonl` and to TensorBoard events; rows after step `steps` are dropped first.
+    """Appends to `metrics.jsonl` and to TensorBoard events; rows from after the given moment are dropped first.
 
     Args:
         run: The run folder.
         steps: Environment steps that the run starts from.
+        updates: Updates that the run starts from.
     """
 
-    def __init__(self, run: Path, steps: int):
+    def __init__(self, run: Path, steps: int, updates: int):
         from torch.utils.tensorboard import SummaryWriter
 
-        kept = [row for row in read_metrics(run) if row["steps"] <= steps]
+        kept = [row for row in read_metrics(run) if row["steps"] <= steps and row["updates"] <= updates]
+        self._last = _moment(kept[-1]) if kept else None
         self.path = run / "metrics.jsonl"
         write_text(self.path, "".join(json.dumps(row) + "\n" for row in kept))
         self.writer = SummaryWriter(str(run / "tensorboard"), purge_step=steps)
 
     def write(self, row: Mapping[str, Any]) -> None:
-        """Append one row; numbers become TensorBoard scalars, `returns` one scalar a robot."""
+        """Append one row; numbers become TensorBoard scalars, `returns` and `evaluation` some a robot.
+
+        A row of the same steps and updates as the one before adds nothing, unless it holds an evaluation.
+        """
+        if _moment(row) == self._last and "evaluation" not in row:
+            return
+        self._last = _moment(row)
         with self.path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
         for key, value in row.items():
@@ -47,8 +55,16 @@ class MetricsLog:
                 self.writer.add_scalar(key, value, row["steps"])
         for robot, value in row["returns"].items():
             self.writer.add_scalar(f"return/{robot}", value, row["steps"])
+        for robot, result in row.get("evaluation", {}).items():
+            self.writer.add_scalar(f"evaluation/{robot}", result["mean"], row["steps"])
+            if result["score"] is not None:
+                self.writer.add_scalar(f"score/{robot}", result["score"], row["steps"])
         self.writer.flush()
 
     def close(self) -> None:
         """Close the files."""
         self.writer.close()
+
+
+def _moment(row: Mapping[str, Any]) -> tuple[int, int]:
+    return row["steps"], row["updates"]

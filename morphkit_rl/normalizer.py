@@ -75,6 +75,11 @@ class Normalizer:
         self.count, self.mean, self.m2 = (np.array(state[name], dtype=np.float64) for name in ("count", "mean", "m2"))
 
 
-def normalize(obs: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
-    """Observation rows times `scale` plus `shift` (`Normalizer.scale_and_shift`), bounded by `CLIP`."""
+def normalize(obs: Tensor, scale: Tensor | None, shift: Tensor | None) -> Tensor:
+    """Observation rows times `scale` plus `shift` (`Normalizer.scale_and_shift`), bounded by `CLIP`.
+
+    Without both, the rows as they are.
+    """
+    if scale is None or shift is None:
+        return obs
     return (obs * scale + shift).clamp(-CLIP, CLIP)

@@ -5,18 +5,20 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import torch
+from torch import nn
 
 from morphkit.errors import CheckpointError, ConfigError
 from morphkit.tokens import TokenSpec
 from morphkit_rl import checkpoint, runs
-from morphkit_rl.actions import ActionScale
+from morphkit_rl.actions import ActionRows
 from morphkit_rl.config import TrainConfig
-from morphkit_rl.models import build
+from morphkit_rl.models import find
 from morphkit_rl.models.layout import build_layout
-from morphkit_rl.models.limb_former import Actor
+from morphkit_rl.models.vocabulary import Vocabulary
 from morphkit_rl.normalizer import Normalizer, normalize
 from morphkit_rl.text.embedder import TokenEmbedder
 
@@ -41,7 +43,7 @@ class Policy:
 
     def __init__(
         self,
-        actor: Actor,
+        actor: nn.Module,
         normalizer: Normalizer,
         embedder: TokenEmbedder,
         config: TrainConfig,
@@ -78,7 +80,9 @@ class Policy:
                 f"{folder}: made with embeddings of size {embedder.mean.size}; "
                 f"{config.text.encoder!r} gives {encoder.size}"
             )
-        actor, _ = build(config.model, encoder.size)
+        method = find(config.model.method)
+        checkpoint.check_method(folder, state, method.name)
+        actor, _ = method.build(config.model, encoder.size, Vocabulary.from_dict(state["vocabulary"]))
         checkpoint.load_modules({"actor": actor}, arrays, folder / "policy.safetensors")
         return cls(actor, normalizer, embedder, config, [robot["name"] for robot in saved["robots"]])
 
@@ -93,7 +97,8 @@ class Policy:
             float32 (actuators,) or (batch, actuators) in the actuators' units and order.
 
         Raises:
-            ConfigError: The observations have another width than the robot has sensor tokens.
+            ConfigError: The observations have another width than the robot has sensor tokens, or the method cannot
+                express the robot.
         """
         obs = np.asarray(obs, dtype=np.float32)
         if obs.ndim not in (1, 2) or obs.shape[-1] != len(spec.sensors):
@@ -112,15 +117,19 @@ class Policy:
                 f"{self.config.text.naming!r} names",
                 stacklevel=3,
             )
-        layout = build_layout([spec], self.embedder)
-        names = self.actor.read_names(layout)
-        scale, shift = map(torch.from_numpy, self.normalizer.scale_and_shift(self.normalizer.index([spec])))
-        actions = ActionScale(spec)
+        method = find(self.config.model.method)
+        method.check(spec, self.config.model)
+        layout = build_layout([spec], self.embedder, actions=method.actions)
+        names = cast(Any, self.actor).read_names(layout)
+        scale = shift = None
+        if self.config.trainer.normalize:
+            scale, shift = map(torch.from_numpy, self.normalizer.scale_and_shift(self.normalizer.index([spec])))
+        rows = ActionRows(layout)
 
         @torch.no_grad()
         def act(obs: np.ndarray) -> np.ndarray:
-            rows = normalize(torch.from_numpy(obs), scale, shift)
-            return actions.to_controls(self.actor(rows, layout, names).numpy()).astype(np.float32)
+            action = self.actor(normalize(torch.from_numpy(obs), scale, shift), layout, names)
+            return rows.to_controls(action.numpy())[0].astype(np.float32)
 
         self._controllers[_key(spec)] = act
         return act

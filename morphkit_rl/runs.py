@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
+import re
 import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -18,6 +19,7 @@ from morphkit.morphology import Base
 from morphkit.tokens import TokenSpec
 from morphkit_rl import checkpoint
 from morphkit_rl.config import TrainConfig
+from morphkit_rl.robots import Robot, prepare
 from morphkit_rl.text.encoder import TextEncoder
 
 PACKAGES = ("morphkit", "mujoco", "torch", "transformers", "numpy", "gymnasium")
@@ -29,6 +31,7 @@ class RunSettings:
 
     Attributes:
         robots: The training robots.
+        validation: Robots that are evaluated as the training robots are, but not trained on.
         hold_out: Names of robots that were kept away.
         config: Settings of text encoder, networks, TD3 and trainer.
         task: Name of the task; None: each robot's own.
@@ -41,6 +44,7 @@ class RunSettings:
     """
 
     robots: tuple[Description, ...]
+    validation: tuple[Description, ...]
     hold_out: tuple[str, ...]
     config: TrainConfig
     task: str | None
@@ -54,10 +58,12 @@ class RunSettings:
     def __post_init__(self) -> None:
         if not self.robots:
             raise ConfigError("no robot is left to train on")
-        names = [robot.name for robot in self.robots]
+        names = [robot.name for robot in (*self.robots, *self.validation)]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ConfigError(f"two robots are called {twice[0]!r}; each needs a name of its own")
+        if self.validation and not self.config.trainer.evaluate_steps:
+            raise ConfigError("validation robots are never evaluated; set trainer.evaluate_steps, such as to 50000")
         for name, value in (("minutes", self.minutes), ("steps", self.steps)):
             if value is not None and not 0 < value < float("inf"):
                 raise ConfigError(f"{name} is {value}; expected a positive number")
@@ -65,19 +71,29 @@ class RunSettings:
             raise ConfigError(f"seed is {self.seed}; expected a non-negative number")
 
 
-def without(descriptions: Sequence[Description], hold_out: Sequence[str]) -> list[Description]:
-    """The descriptions that are not held out.
+def split(
+    descriptions: Sequence[Description], hold_out: Sequence[str], validation: Sequence[str]
+) -> tuple[list[Description], list[Description]]:
+    """The descriptions to train on, and those to validate on.
 
     Raises:
-        UnknownNameError: A name in `hold_out` is none of them.
+        UnknownNameError: A name in `hold_out` or `validation` is none of them.
+        ConfigError: A name is in both.
     """
     names = [description.name for description in descriptions]
-    for name in hold_out:
-        if name not in names:
-            near = difflib.get_close_matches(name, names, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"there is {', '.join(names)}"
-            raise UnknownNameError(f"cannot hold out {name!r}: none of the robots is called so; {hint}")
-    return [description for description in descriptions if description.name not in hold_out]
+    for what, chosen in (("hold out", hold_out), ("validate on", validation)):
+        for name in chosen:
+            if name not in names:
+                near = difflib.get_close_matches(name, names, n=1)
+                hint = f"did you mean {near[0]!r}?" if near else f"there is {', '.join(names)}"
+                raise UnknownNameError(f"cannot {what} {name!r}: none of the robots is called so; {hint}")
+    both = sorted(set(hold_out) & set(validation))
+    if both:
+        raise ConfigError(f"{both[0]!r} is both held out and to be validated on; held-out robots are never evaluated")
+    return (
+        [description for description in descriptions if description.name not in {*hold_out, *validation}],
+        [description for description in descriptions if description.name in validation],
+    )
 
 
 def create(run: Path, settings: RunSettings) -> None:
@@ -88,8 +104,8 @@ def create(run: Path, settings: RunSettings) -> None:
     """
     checkpoint.create_run(run)
     (run / "robots").mkdir()
-    for robot in settings.robots:
-        (run / "robots" / _source_file(robot)).write_bytes(robot.source)
+    for number, robot in enumerate((*settings.robots, *settings.validation)):
+        (run / "robots" / _source_file(number, robot)).write_bytes(robot.source)
     versions = {name: metadata.version(name) for name in PACKAGES}
     _write(run, settings, {"versions": versions, "git_commit": _git_commit()})
 
@@ -129,12 +145,22 @@ def load(run: Path) -> RunSettings:
     """
     saved = read(run)
     try:
-        robots = tuple(_robot_from_json(run, entry) for entry in saved["robots"])
+        robots, validation = (
+            tuple(_robot_from_json(run, entry) for entry in saved[part]) for part in ("robots", "validation")
+        )
         fields = {name: saved[name] for name in ("task", "base", "seed", "minutes", "steps", "device", "threads")}
         config = TrainConfig.from_dict(saved["config"], origin=str(run / "config.json"))
-        return RunSettings(robots=robots, hold_out=tuple(saved["hold_out"]), config=config, **fields)
+        hold_out = tuple(saved["hold_out"])
+        return RunSettings(robots=robots, validation=validation, hold_out=hold_out, config=config, **fields)
     except (OSError, KeyError, TypeError) as error:
         raise CheckpointError(f"{run / 'config.json'}: damaged: {error}") from None
+
+
+def prepare_robot(
+    config: TrainConfig, description: Description, *, task: str | None = None, base: Base | None = None
+) -> Robot:
+    """A robot with the tokens that `config` asks for; `task` and `base` default to the robot's own."""
+    return prepare(description, config.text.naming, task=task, base=base)
 
 
 def make_encoder(config: TrainConfig) -> TextEncoder:
@@ -150,8 +176,10 @@ def texts_digest(specs: Sequence[TokenSpec]) -> str:
 
 
 def _write(run: Path, settings: RunSettings, about: Mapping[str, Any]) -> None:
+    described = [_robot_to_json(*pair) for pair in enumerate((*settings.robots, *settings.validation))]
     values = {
-        "robots": [_robot_to_json(robot) for robot in settings.robots],
+        "robots": described[: len(settings.robots)],
+        "validation": described[len(settings.robots) :],
         "hold_out": list(settings.hold_out),
         "config": settings.config.to_dict(),
         **{name: getattr(settings, name) for name in ("task", "base", "seed", "minutes", "steps", "device", "threads")},
@@ -160,15 +188,18 @@ def _write(run: Path, settings: RunSettings, about: Mapping[str, Any]) -> None:
     checkpoint.write_text(run / "config.json", json.dumps(values, indent=2) + "\n")
 
 
-def _source_file(robot: Description) -> str:
-    return f"{robot.name}{Path(robot.file).suffix or '.xml'}"
+def _source_file(number: int, robot: Description) -> str:
+    """A file name that any file system takes; unique by the robot's number, whatever its name."""
+    words = re.sub(r"[^A-Za-z0-9_-]+", "-", robot.name)[:48].strip("-")
+    suffix = ".urdf" if robot.format == "urdf" else ".xml"
+    return f"{number:03d}-{words}{suffix}" if words else f"{number:03d}{suffix}"
 
 
-def _robot_to_json(robot: Description) -> dict[str, Any]:
+def _robot_to_json(number: int, robot: Description) -> dict[str, Any]:
     return {
         "name": robot.name,
         "file": robot.file,
-        "source": _source_file(robot),
+        "source": _source_file(number, robot),
         "format": robot.format,
         "sha256": robot.sha256,
         "folder": str(robot.folder) if robot.folder else None,

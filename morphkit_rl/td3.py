@@ -55,7 +55,7 @@ class TD3:
         self.updates = 0
 
     def update(
-        self, batch: Batch, scale: Tensor, shift: Tensor, layout: Layout, rng: np.random.Generator
+        self, batch: Batch, scale: Tensor | None, shift: Tensor | None, layout: Layout, rng: np.random.Generator
     ) -> dict[str, Tensor]:
         """Update the critics, and every `policy_delay`-th time the actor and the targets.
 
@@ -63,8 +63,8 @@ class TD3:
 
         Args:
             batch: Transitions of the layout's robots, raw observations.
-            scale: (tokens,) factor that normalises observations.
-            shift: (tokens,) summand that normalises observations.
+            scale: (tokens,) factor that normalises observations; None leaves them as they are.
+            shift: (tokens,) summand that normalises observations; None as with `scale`.
             layout: The robots.
             rng: Source of the target noise.
 
@@ -104,7 +104,7 @@ class TD3:
         return losses
 
     @torch.no_grad()
-    def act(self, obs: np.ndarray, scale: Tensor, shift: Tensor, layout: Layout) -> np.ndarray:
+    def act(self, obs: np.ndarray, scale: Tensor | None, shift: Tensor | None, layout: Layout) -> np.ndarray:
         """Noise-free actions in [-1, 1] (batch, actions) at raw observations (batch, tokens)."""
         return self.actor(normalize(self._tensor(obs), scale, shift), layout).cpu().numpy()
 

@@ -1,11 +1,9 @@
-"""Training: one policy, all robots in every update."""
+"""Training: one policy for many robots, until a budget is used."""
 
 from __future__ import annotations
 
-import time
-from collections import deque
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,59 +11,17 @@ import numpy as np
 import torch
 
 from morphkit.description import Description
-from morphkit.errors import CheckpointError, ConfigError
+from morphkit.errors import TrainingError
 from morphkit.morphology import Base
 from morphkit_rl import checkpoint, runs
-from morphkit_rl.actions import ActionScale
 from morphkit_rl.config import TrainConfig
-from morphkit_rl.envs.batch import BatchEnv
+from morphkit_rl.interrupts import Interrupts
 from morphkit_rl.metrics import MetricsLog
-from morphkit_rl.models.layout import build_layout
-from morphkit_rl.normalizer import Normalizer
-from morphkit_rl.replay import Ring, sample
-from morphkit_rl.robots import prepare
-from morphkit_rl.td3 import TD3, resolve_precision
-from morphkit_rl.text.embedder import TokenEmbedder
+from morphkit_rl.progress import Clock, Mark, Progress, TrainSummary
+from morphkit_rl.session import Session
 
-RECENT_EPISODES = 8
 DEFAULT_MINUTES = 10.0
-
-
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """Where a run stands.
-
-    Attributes:
-        steps: Environment steps over all robots.
-        updates: Critic updates.
-        elapsed_s: Training time, s, over all resumptions.
-        remaining_s: Estimated time left, s; None before there is an estimate.
-        fraction: Share of the budget that is used, 0 to 1.
-        steps_per_s: Environment steps a second of late.
-        updates_per_s: Updates a second of late.
-        returns: Mean return of each robot's latest episodes, with exploration noise.
-    """
-
-    steps: int
-    updates: int
-    elapsed_s: float
-    remaining_s: float | None
-    fraction: float
-    steps_per_s: float
-    updates_per_s: float
-    returns: dict[str, float]
-
-
-@dataclass(frozen=True, slots=True)
-class TrainSummary:
-    """How a run ended; `interrupted` where Ctrl-C ended it before its budget."""
-
-    run: Path
-    steps: int
-    updates: int
-    elapsed_s: float
-    returns: dict[str, float]
-    interrupted: bool
+REPORT_SECONDS = 1.0
 
 
 def train(
@@ -74,6 +30,7 @@ def train(
     config: TrainConfig,
     *,
     hold_out: Sequence[str] = (),
+    validation: Sequence[str] = (),
     task: str | None = None,
     base: Base | None = None,
     seed: int = 0,
@@ -88,7 +45,8 @@ def train(
         descriptions: The robots.
         run: Folder of the run; it must not exist or be empty.
         config: All settings.
-        hold_out: Names among `descriptions` that training must not see.
+        hold_out: Names among `descriptions` that are kept away from the run altogether.
+        validation: Names among `descriptions` that are not trained on, but evaluated as the training robots are.
         task: Name of the task; default: each robot's own.
         base: How roots are attached to the world; default: each robot's own.
         seed: Seed of networks, environments, noise and replay.
@@ -98,13 +56,16 @@ def train(
         progress: Called about once a second.
 
     Raises:
-        ConfigError: A robot has no actuators, two have the same name, or the budget makes no sense.
-        UnknownNameError: A name in `hold_out` is none of the robots.
+        ConfigError: A robot has no actuators or is one that the method cannot express, two have the same name, or the
+            budget makes no sense.
+        UnknownNameError: A name in `hold_out` or `validation` is none of the robots.
         OutputError: The run folder cannot be written or holds files.
+        TrainingError: Losses or actions are no longer finite.
     """
-    kept = runs.without(descriptions, hold_out)
+    trained, validated = runs.split(descriptions, hold_out, validation)
     settings = runs.RunSettings(
-        robots=tuple(kept),
+        robots=tuple(trained),
+        validation=tuple(validated),
         hold_out=tuple(hold_out),
         config=config,
         task=task,
@@ -137,6 +98,7 @@ def resume(
 
     Raises:
         CheckpointError: There is no checkpoint, or it is damaged.
+        TrainingError: Losses or actions are no longer finite.
     """
     settings = runs.load(run)
     if minutes is not None or steps is not None:
@@ -144,221 +106,120 @@ def resume(
     torch.set_num_threads(settings.threads)
     trainer = Trainer(settings)
     if checkpoint.has_checkpoint(run):
-        trainer.restore(run)
+        trainer.clock.elapsed_s = trainer.session.restore(run)
     return trainer.run(run, progress)
 
 
 class Trainer:
-    """Collects with all robots, learns from all robots, and can stop and go on anywhere between two sweeps.
-
-    A sweep is one step of every environment and the updates that follow it.
-    """
+    """Advances a session until its budget is used or Ctrl-C, and writes metrics and checkpoints meanwhile."""
 
     def __init__(self, settings: runs.RunSettings):
-        config = settings.config
-        self.settings, self.config = settings, config
-        self.robots = [prepare(d, config.text.naming, task=settings.task, base=settings.base) for d in settings.robots]
-        for robot in self.robots:
-            if not robot.spec.actuators:
-                raise ConfigError(
-                    f"{robot.name}: has no actuators, so there is nothing to learn; add motors or leave it out"
-                )
-        torch.manual_seed(settings.seed)
-        self.rng = np.random.default_rng([settings.seed, 1])
-        self.env = BatchEnv(
-            [robot.simulation for robot in self.robots],
-            [robot.task for robot in self.robots],
-            config.trainer.num_envs,
-            observation=config.trainer.observation,
-            seed=settings.seed,
-        )
-        specs = [robot.spec for robot in self.robots]
-        texts = [text for spec in specs for text in spec.texts]
-        self.embedder = TokenEmbedder.fit(runs.make_encoder(config), texts)
-        self.layout = build_layout(specs, self.embedder, settings.device)
-        self.learner = TD3(
-            config.model,
-            config.td3,
-            self.embedder.size,
-            device=settings.device,
-            precision=resolve_precision(config.trainer.precision, settings.device),
-        )
-        self.normalizer = Normalizer()
-        self.quantities = self.normalizer.index(specs, grow=True)
-        self.scales = [ActionScale(spec) for spec in specs]
-        capacity = config.trainer.replay_capacity // len(specs)
-        self.rings = [Ring(len(spec.sensors), len(spec.actuators), config.trainer.num_envs, capacity) for spec in specs]
-        self.steps, self.elapsed_s, self.episodes = 0, 0.0, 0
-        self.recent: list[deque[float]] = [deque(maxlen=RECENT_EPISODES) for _ in specs]
-        self.obs = np.concatenate(self.env.reset(), axis=1)
+        self.settings = settings
+        self.session = Session(settings)
+        self.clock = Clock()
+        self._losses: dict[str, torch.Tensor] = {}
 
     def run(self, run: Path, progress: Callable[[Progress], None] | None = None) -> TrainSummary:
-        """Train until the budget is used or Ctrl-C; ends with a checkpoint."""
-        log = MetricsLog(run, self.steps)
-        began = time.perf_counter() - self.elapsed_s
-        logged = reported = saved = self.elapsed_s
-        mark = (self.elapsed_s, self.steps, self.learner.updates)
-        interrupted = False
-        try:
-            while self.fraction() < 1:
-                losses = self.sweep()
-                self.elapsed_s = time.perf_counter() - began
-                if progress and self.elapsed_s - reported >= 1:
-                    reported = self.elapsed_s
-                    progress(self.progress(mark))
-                if self.elapsed_s - logged >= self.config.trainer.log_seconds:
-                    logged = self.elapsed_s
-                    log.write(self.metrics(mark, losses))
-                    mark = (self.elapsed_s, self.steps, self.learner.updates)
-                if self.elapsed_s - saved >= self.config.trainer.checkpoint_seconds:
-                    self.save(run)
-                    began, saved = time.perf_counter() - self.elapsed_s, self.elapsed_s
-        except KeyboardInterrupt:
-            interrupted = True
-        self.save(run)
-        log.write(self.metrics(mark, {}))
+        """Train; ends with a checkpoint."""
+        session, clock, config = self.session, self.clock, self.settings.config.trainer
+        log = MetricsLog(run, session.collector.steps, session.agent.learner.updates)
+        reported = logged = saved = clock.elapsed_s
+        mark = self._mark()
+        clock.start()
+        with Interrupts() as interrupts:
+            while not interrupts.wanted:
+                if session.monitor.due(session.collector.steps):
+                    evaluation = self._evaluate(interrupts)
+                    if evaluation is None:
+                        break
+                    log.write({**self._metrics(mark), "evaluation": evaluation})
+                    logged, mark = clock.elapsed_s, self._mark()
+                if self._fraction() >= 1:
+                    break
+                self._losses.update(session.schedule.advance())
+                elapsed_s = clock.elapsed_s
+                if progress and elapsed_s - reported >= REPORT_SECONDS:
+                    reported = elapsed_s
+                    progress(self._progress(mark))
+                if elapsed_s - logged >= config.log_seconds and not session.monitor.due(session.collector.steps):
+                    logged = elapsed_s
+                    log.write(self._metrics(mark))
+                    mark = self._mark()
+                if elapsed_s - saved >= config.checkpoint_seconds:
+                    saved = elapsed_s
+                    self._save(run)
+            clock.stop()
+            self._save(run)
+        log.write(self._metrics(mark))
         log.close()
-        self.env.close()
-        return TrainSummary(run, self.steps, self.learner.updates, self.elapsed_s, self.returns(), interrupted)
+        session.close()
+        interrupted = self._fraction() < 1
+        now = self._progress(mark)
+        return TrainSummary(run, now.steps, now.updates, now.elapsed_s, now.returns, interrupted)
 
-    def sweep(self) -> dict[str, torch.Tensor]:
-        """Step every environment once, then learn; returns the losses of the last update."""
-        scale, shift = (
-            torch.from_numpy(a).to(self.learner.device) for a in self.normalizer.scale_and_shift(self.quantities)
-        )
-        shape = (len(self.obs), self.layout.num_actions)
-        warm_up = self.steps < self.config.trainer.start_steps
-        if warm_up:
-            action = self.rng.uniform(-1, 1, shape).astype(np.float32)
-        else:
-            noise = self.rng.standard_normal(shape, dtype=np.float32) * self.config.td3.exploration_noise
-            action = (self.learner.act(self.obs, scale, shift, self.layout) + noise).clip(-1, 1)
-        parts = [action[:, columns] for columns in self.layout.actions]
-        step = self.env.step([s.to_controls(part) for s, part in zip(self.scales, parts, strict=True)])
-        for robot, ring in enumerate(self.rings):
-            terminated = step.terminated[robot]
-            ring.add(
-                obs=self.obs[:, self.layout.tokens[robot]],
-                action=parts[robot],
-                reward=step.reward[robot],
-                next_obs=step.final_obs[robot],
-                terminated=terminated,
-                ended=terminated | step.truncated[robot],
-            )
-        for robot, _, total, _ in step.episodes:
-            self.recent[robot].append(float(total))
-            self.episodes += 1
-        self.normalizer.update(self.obs, self.quantities)
-        self.obs = np.concatenate(step.obs, axis=1)
-        self.steps += len(self.obs) * len(self.robots)
-        losses: dict[str, torch.Tensor] = {}
-        if not warm_up:
-            share = -(-self.config.td3.batch_size // len(self.robots))
-            for _ in range(self.config.trainer.updates_per_sweep):
-                batch = sample(self.rings, share, self.config.td3.n_step, self.config.td3.discount, self.rng)
-                losses.update(self.learner.update(batch, scale, shift, self.layout, self.rng))
-        return losses
+    def _evaluate(self, interrupts: Interrupts) -> dict[str, dict[str, Any]] | None:
+        """Evaluate without using up training time; None where Ctrl-C cut it short."""
+        try:
+            with self.clock.paused(), interrupts.immediate():
+                return self.session.monitor.evaluate(self.session.collector.steps)
+        except KeyboardInterrupt:
+            return None
 
-    def fraction(self) -> float:
+    def _save(self, run: Path) -> None:
+        self._check()
+        elapsed_s = self.clock.elapsed_s
+        self.session.save(run, elapsed_s)
+        self.clock.elapsed_s = elapsed_s
+
+    def _check(self) -> None:
+        for name, value in self._losses.items():
+            if not math.isfinite(value):
+                raise TrainingError(
+                    f"training diverged: {name} is {float(value)} after {self.session.collector.steps} steps; try a "
+                    "smaller td3.learning_rate. The last checkpoint is from before"
+                )
+
+    def _fraction(self) -> float:
         """Share of the budget that is used, 1 where it is used up."""
         shares = [0.0]
         if self.settings.steps is not None:
-            shares.append(self.steps / max(self.settings.steps, 1))
+            shares.append(self.session.collector.steps / max(self.settings.steps, 1))
         if self.settings.minutes is not None:
-            shares.append(self.elapsed_s / max(60 * self.settings.minutes, 1e-9))
+            shares.append(self.clock.elapsed_s / max(60 * self.settings.minutes, 1e-9))
         return min(max(shares), 1.0)
 
-    def returns(self) -> dict[str, float]:
-        """Mean return of each robot's latest episodes, with exploration noise; robots without one are left out."""
-        pairs = zip(self.robots, self.recent, strict=True)
-        return {robot.name: float(np.mean(recent)) for robot, recent in pairs if recent}
+    def _mark(self) -> Mark:
+        return Mark(self.clock.elapsed_s, self.session.collector.steps, self.session.agent.learner.updates)
 
-    def progress(self, mark: tuple[float, int, int]) -> Progress:
-        """Where the run stands; rates are those since `mark` (elapsed_s, steps, updates)."""
-        elapsed, steps, updates = mark
-        seconds = max(self.elapsed_s - elapsed, 1e-9)
-        fraction = self.fraction()
-        remaining = self.elapsed_s * (1 - fraction) / fraction if fraction > 0 else None
+    def _progress(self, mark: Mark) -> Progress:
+        """Where the run stands; rates are those since `mark`."""
+        now, fraction = self._mark(), self._fraction()
+        seconds = max(now.elapsed_s - mark.elapsed_s, 1e-9)
         return Progress(
-            steps=self.steps,
-            updates=self.learner.updates,
-            elapsed_s=self.elapsed_s,
-            remaining_s=remaining,
+            steps=now.steps,
+            updates=now.updates,
+            elapsed_s=now.elapsed_s,
+            remaining_s=now.elapsed_s * (1 - fraction) / fraction if fraction > 0 else None,
             fraction=fraction,
-            steps_per_s=(self.steps - steps) / seconds,
-            updates_per_s=(self.learner.updates - updates) / seconds,
-            returns=self.returns(),
+            steps_per_s=(now.steps - mark.steps) / seconds,
+            updates_per_s=(now.updates - mark.updates) / seconds,
+            returns=self.session.collector.returns(),
         )
 
-    def metrics(self, mark: tuple[float, int, int], losses: dict[str, torch.Tensor]) -> dict[str, Any]:
+    def _metrics(self, mark: Mark) -> dict[str, Any]:
         """One row of metrics."""
-        now = self.progress(mark)
+        now, collector = self._progress(mark), self.session.collector
         returns = now.returns
         return {
             "steps": now.steps,
+            "real_steps": collector.real_steps,
             "updates": now.updates,
             "elapsed_s": round(now.elapsed_s, 3),
             "steps_per_s": round(now.steps_per_s, 1),
             "updates_per_s": round(now.updates_per_s, 2),
-            "episodes": self.episodes,
-            "diverged": int(self.env.diverged.sum()),
-            "return_mean": float(np.mean(list(returns.values()))) if len(returns) == len(self.robots) else None,
+            "episodes": collector.episodes,
+            "diverged": int(collector.env.diverged.sum()),
+            "return_mean": float(np.mean(list(returns.values()))) if len(returns) == len(collector.robots) else None,
             "returns": returns,
-            **{name: float(value) for name, value in losses.items()},
+            **{name: float(value) for name, value in self._losses.items()},
         }
-
-    def save(self, run: Path) -> None:
-        """Write a checkpoint from which `restore` continues exactly."""
-        policy = {
-            **checkpoint.module_arrays({"actor": self.learner.actor}),
-            **{f"normalizer/{key}": array for key, array in self.normalizer.state_dict().items()},
-            "embedding/mean": self.embedder.mean,
-            "embedding/std": self.embedder.std,
-        }
-        networks = {name: net for name, net in self.learner.networks().items() if name != "actor"}
-        tensors = {
-            "policy": policy,
-            "learner": checkpoint.module_arrays(networks),
-            "optimizer": checkpoint.optimizer_arrays(self.learner.optimizers()),
-            "environments": {**self.env.state_dict(), "trainer/obs": self.obs},
-        }
-        state = {
-            "steps": self.steps,
-            "updates": self.learner.updates,
-            "elapsed_s": self.elapsed_s,
-            "episodes": self.episodes,
-            "recent": [list(recent) for recent in self.recent],
-            "quantities": self.normalizer.keys,
-            "rng": self.rng.bit_generator.state,
-            "sweeps": self.rings[0].added,
-            "precision": self.learner.precision,
-            "token_texts": runs.texts_digest(self.layout.specs),
-        }
-        checkpoint.save(run, tensors, state, self.rings)
-
-    def restore(self, run: Path) -> None:
-        """Take over the latest checkpoint of `run`.
-
-        Raises:
-            CheckpointError: It is damaged, or belongs to other robots, another method or another size.
-        """
-        folder, state = checkpoint.load_state(run)
-        if state["token_texts"] != runs.texts_digest(self.layout.specs):
-            raise CheckpointError(f"{folder}: made for robots with other tokens than those in {run / 'config.json'}")
-        policy = checkpoint.load_arrays(folder / "policy.safetensors")
-        rest = checkpoint.load_arrays(folder / "learner.safetensors")
-        checkpoint.load_modules(self.learner.networks(), {**policy, **rest}, folder)
-        checkpoint.load_optimizers(self.learner.optimizers(), checkpoint.load_arrays(folder / "optimizer.safetensors"))
-        statistics = {key: policy[f"normalizer/{key}"] for key in ("count", "mean", "m2")}
-        self.normalizer.load_state_dict(statistics, state["quantities"])
-        self.embedder.mean, self.embedder.std = policy["embedding/mean"], policy["embedding/std"]
-        environments = checkpoint.load_arrays(folder / "environments.safetensors")
-        self.obs = environments.pop("trainer/obs")
-        self.env.load_state_dict(environments)
-        checkpoint.load_replay(run, state["segments"], self.rings, state["sweeps"])
-        self.rng.bit_generator.state = state["rng"]
-        self.steps, self.elapsed_s, self.episodes = state["steps"], state["elapsed_s"], state["episodes"]
-        self.learner.updates = state["updates"]
-        self.learner.precision = state["precision"]
-        for recent, values in zip(self.recent, state["recent"], strict=True):
-            recent.extend(values)

@@ -132,15 +132,20 @@ class BatchEnv:
             for i, name in enumerate(names)
         ]
 
-    def reset(self) -> list[np.ndarray]:
+    def reset(self, elapsed: np.ndarray | Sequence[np.ndarray] | None = None) -> list[np.ndarray]:
         """Start all episodes anew.
+
+        Args:
+            elapsed: For each robot, control steps (n,) that count as done already, so that episodes are truncated
+                sooner; default: none.
 
         Returns:
             Observations, one float32 (n, tokens) a robot.
         """
         for robot, rng, task in zip(self._robots, self._rngs, self.tasks, strict=True):
             robot.state[:] = robot.draw_start(rng, task, len(robot.state))
-        self._return[:] = self._length[:] = 0
+        self._return[:] = 0
+        self._length[:] = 0 if elapsed is None else np.concatenate(elapsed)
         return self.observe()
 
     def observe(self) -> list[np.ndarray]:
