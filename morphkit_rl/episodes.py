@@ -1,0 +1,57 @@
+"""Whole episodes of several robots, without learning."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from morphkit_rl.actions import ActionScale
+from morphkit_rl.envs.batch import BatchEnv
+
+Act = Callable[[list[np.ndarray]], Sequence[np.ndarray]]
+"""Observations, one (environments, tokens) a robot, to controls, one (environments, actuators) a robot."""
+
+
+def play(env: BatchEnv, act: Act) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Play the first episode of every environment.
+
+    Args:
+        env: The environments; they are reset.
+        act: The controller.
+
+    Returns:
+        Returns and lengths, one (environments,) a robot.
+    """
+    obs = env.reset()
+    returns = [np.zeros(n) for n in env.num_envs]
+    lengths = [np.zeros(n, np.int64) for n in env.num_envs]
+    going = [np.ones(n, bool) for n in env.num_envs]
+    while any(mine.any() for mine in going):
+        step = env.step(act(obs))
+        for robot, mine in enumerate(going):
+            returns[robot][mine] += step.reward[robot][mine]
+            lengths[robot][mine] += 1
+            mine &= ~(step.terminated[robot] | step.truncated[robot])
+        obs = step.obs
+    return returns, lengths
+
+
+def random_controller(env: BatchEnv, seed: int) -> Act:
+    """Controls drawn uniformly from their ranges; what a robot gets does not depend on the other robots."""
+    names = [simulation.name for simulation in env.simulations]
+    rngs = [np.random.default_rng([seed, zlib.crc32(name.encode())]) for name in names]
+    scales = [ActionScale(spec) for spec in env.specs]
+    shapes = [(n, len(spec.actuators)) for n, spec in zip(env.num_envs, env.specs, strict=True)]
+
+    def act(_: list[np.ndarray]) -> list[np.ndarray]:
+        drawn = [rng.uniform(-1, 1, shape) for rng, shape in zip(rngs, shapes, strict=True)]
+        return [scale.to_controls(values) for scale, values in zip(scales, drawn, strict=True)]
+
+    return act
+
+
+def normalised(value: float, random: float, expert: float | None) -> float | None:
+    """(value - random) / (expert - random); None where no expert return is known."""
+    return None if expert is None else (value - random) / (expert - random)

@@ -1,0 +1,91 @@
+"""Where a training run stands, and the clock that its budget is measured with."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Where a run stands.
+
+    Attributes:
+        steps: Environment steps over all robots; those that the schedule counts.
+        updates: Critic updates.
+        elapsed_s: Training time, s, over all resumptions.
+        remaining_s: Estimated time left, s; None before there is an estimate.
+        fraction: Share of the budget that is used, 0 to 1.
+        steps_per_s: Environment steps a second of late.
+        updates_per_s: Updates a second of late.
+        returns: Mean return of each robot's latest episodes, with exploration noise.
+    """
+
+    steps: int
+    updates: int
+    elapsed_s: float
+    remaining_s: float | None
+    fraction: float
+    steps_per_s: float
+    updates_per_s: float
+    returns: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class TrainSummary:
+    """How a run ended; `interrupted` where Ctrl-C ended it before its budget."""
+
+    run: Path
+    steps: int
+    updates: int
+    elapsed_s: float
+    returns: dict[str, float]
+    interrupted: bool
+
+
+class Mark(NamedTuple):
+    """A moment of a run, to measure rates from."""
+
+    elapsed_s: float
+    steps: int
+    updates: int
+
+
+class Clock:
+    """Training time, s, over all resumptions; it stands still until `start` and while `paused`."""
+
+    def __init__(self) -> None:
+        self._before, self._began = 0.0, None
+
+    _began: float | None
+
+    @property
+    def elapsed_s(self) -> float:
+        """The training time so far."""
+        return self._before + (0.0 if self._began is None else time.perf_counter() - self._began)
+
+    @elapsed_s.setter
+    def elapsed_s(self, value: float) -> None:
+        self._before = value
+        self._began = None if self._began is None else time.perf_counter()
+
+    def start(self) -> None:
+        """Let it run."""
+        self._began = time.perf_counter()
+
+    def stop(self) -> None:
+        """Let it stand still."""
+        self._before, self._began = self.elapsed_s, None
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Let it stand still for a while."""
+        self.stop()
+        try:
+            yield
+        finally:
+            self.start()
