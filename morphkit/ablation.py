@@ -9,20 +9,24 @@ import hashlib
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import PurePath
 
 from morphkit.cutting import mjcf, urdf
-from morphkit.cutting.expand import MjcfFile, open_mjcf
+from morphkit.cutting.expand import MjcfFile, MjcfOpener, open_mjcf
 from morphkit.cutting.loss import Loss
 from morphkit.cutting.plan import Plan, make_plan
+from morphkit.cutting.rest import Positions, mjcf_positions, urdf_positions
 from morphkit.cutting.source import Source
+from morphkit.cutting.unused import Uses
 from morphkit.description import Description
 from morphkit.errors import AblationError
 from morphkit.io import read
+from morphkit.mirror import counterparts, with_counterparts
 from morphkit.morphology import Morphology
 from morphkit.naming import canonical_limb_names, match_limbs
 
-__all__ = ["Loss", "Variant", "ablate", "select", "set_root_height"]
+__all__ = ["Cutter", "Loss", "Variant", "Wish", "ablate", "select", "set_root_height"]
 
 _LONGEST = 160
 _SAFE = re.compile(r"[^A-Za-z0-9_.+-]+")
@@ -47,6 +51,15 @@ class Variant:
     lost: tuple[Loss, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What a cut was asked for: exact names of limbs and fixed bodies."""
+
+    remove: tuple[str, ...]
+    splice: tuple[str, ...]
+    keep: tuple[str, ...]
+
+
 def select(morphology: Morphology, patterns: Iterable[str]) -> tuple[str, ...]:
     """The limbs and fixed bodies that any of `patterns` matches, in the order asked for, each once.
 
@@ -68,7 +81,14 @@ def select(morphology: Morphology, patterns: Iterable[str]) -> tuple[str, ...]:
 
 
 def ablate(
-    description: Description, *, remove: Sequence[str] = (), splice: Sequence[str] = (), name: str | None = None
+    description: Description,
+    *,
+    remove: Sequence[str] = (),
+    splice: Sequence[str] = (),
+    keep: Sequence[str] = (),
+    mirror: bool = False,
+    drop_assets: bool = False,
+    name: str | None = None,
 ) -> Variant:
     """Cut limbs off a robot.
 
@@ -77,64 +97,180 @@ def ablate(
         remove: Limbs that go with everything below them: names, globs or limb types, fixed bodies included.
         splice: Limbs that go while their children move up. Each child keeps its orientation in the world and is
             shifted so that its joint's anchor lies where that of the removed limb was. Bodies fixed to the limb go too.
+        keep: Limbs that stay, with what connects them to the root; all others go. Combines with the other two.
+        mirror: Whether everything that is asked for holds for its counterpart on the other side too; see
+            `mirror.counterparts`.
+        drop_assets: Whether meshes, height fields, materials and textures go that only removed limbs used.
         name: Name of the new robot; by default that of the source, `-no-`, and what was asked for.
 
     Raises:
         UnknownNameError: A pattern matches nothing.
-        AblationError: A pattern matches the root, or a limb is to be both removed and spliced.
+        AblationError: A pattern matches the root, wishes contradict each other, or a limb has no counterpart.
         DescriptionError: The description cannot be read.
         AssetError: Limbs have to be written out by MuJoCo, which needs a mesh that is missing.
     """
-    morphology = read(description)
-    asked_remove, asked_splice = select(morphology, remove), select(morphology, splice)
-    both = set(asked_remove) & set(asked_splice)
-    if both:
-        raise AblationError(f"{description.file}: {', '.join(sorted(both))} cannot be both removed and spliced")
-    if name is None:
-        name = variant_name(description.name, [*_asked(remove, morphology), *_asked(splice, morphology)])
-    return cut(description, morphology, remove=asked_remove, splice=asked_splice, name=name)
+    return Cutter(description).ablate(
+        remove=remove, splice=splice, keep=keep, mirror=mirror, drop_assets=drop_assets, name=name
+    )
 
 
-def cut(
-    description: Description, morphology: Morphology, *, remove: Sequence[str], splice: Sequence[str] = (), name: str
-) -> Variant:
-    """`ablate` with the robot already read and exact names of limbs and fixed bodies, none of them the root."""
-    lost: list[Loss] = []
-    if description.format == "urdf":
-        urdf_file = Source(description.source, file=description.file)
-        plan = make_plan(morphology, urdf.link_parents(urdf_file.root), remove, splice)
-        lost += urdf.cut(urdf_file.root, plan)
-        source = urdf_file.render()
-    else:
-        file = open_mjcf(description, [*remove, *splice])
-        plan = make_plan(morphology, mjcf.body_parents(file.bodies), remove, splice)
-        lost += file.findings
-        if plan.gone:
-            lost += _name_left(file, plan)
-        lost += mjcf.cut(file.source.root, file.bodies, plan)
-        source = file.source.render()
-    gone = plan.gone
-    limbs = tuple(limb.name for limb in morphology.limbs if limb.name not in gone)
-    reported = [label for body, label in gone.items() if body == label]
-    spliced = tuple(label for label in reported if label in plan.splice)
-    info = replace(
-        description.info,
-        canonical=canonical_limb_names(morphology, description.info.canonical),
-        expert_return=None if gone else description.info.expert_return,
-    )
-    return Variant(
-        description=replace(
-            description,
-            name=name,
-            file=_file_name(name, PurePath(description.file).suffix),
-            source=source,
-            info=info,
-        ),
-        removed=tuple(label for label in reported if label not in spliced),
-        spliced=spliced,
-        limbs=limbs,
-        lost=tuple(lost),
-    )
+class Cutter:
+    """A robot opened for cutting, any number of times; what all its variants share is worked out once.
+
+    Attributes:
+        description: The robot.
+        morphology: The same, read.
+    """
+
+    def __init__(self, description: Description) -> None:
+        self.description = description
+        self.morphology = read(description)
+        self._images: dict[bool, dict[str, str]] = {}
+
+    def ablate(
+        self,
+        *,
+        remove: Sequence[str] = (),
+        splice: Sequence[str] = (),
+        keep: Sequence[str] = (),
+        mirror: bool = False,
+        drop_assets: bool = False,
+        name: str | None = None,
+    ) -> Variant:
+        """See `ablate`."""
+        wish = self.choose(remove=remove, splice=splice, keep=keep, mirror=mirror)
+        if name is None:
+            source = self.description.name
+            if keep:
+                source = "-".join([source, "only", *self._words(keep, mirror)])
+            name = variant_name(source, [*self._words(remove, mirror), *self._words(splice, mirror)])
+        variant = self.cut(remove=wish.remove, splice=wish.splice, drop_assets=drop_assets, name=name)
+        limb_of = {member: limb.name for limb in self.morphology.limbs for member in limb.members}
+        gone = [name for name in wish.keep if limb_of[name] not in variant.limbs]
+        if gone:
+            raise AblationError(
+                f"{self.description.file}: {', '.join(gone)} cannot be kept, because what it hangs on is removed"
+            )
+        return variant
+
+    def choose(
+        self, *, remove: Sequence[str] = (), splice: Sequence[str] = (), keep: Sequence[str] = (), mirror: bool = False
+    ) -> Wish:
+        """The limbs and fixed bodies that patterns mean; see `ablate`."""
+        image = self.counterparts() if mirror else {}
+        chosen = {
+            verb: with_counterparts(select(self.morphology, patterns), image, self.description.file)
+            if mirror
+            else select(self.morphology, patterns)
+            for verb, patterns in (("removed", remove), ("spliced", splice), ("kept", keep))
+        }
+        for one, other in (("removed", "spliced"), ("kept", "removed"), ("kept", "spliced")):
+            both = sorted(set(chosen[one]) & set(chosen[other]))
+            if both:
+                raise AblationError(f"{self.description.file}: {', '.join(both)} cannot be both {one} and {other}")
+        removed, needed = chosen["removed"], self._needed(chosen["kept"])
+        blocking = [limb for limb in removed if limb in needed]
+        if blocking:
+            raise AblationError(
+                f"{self.description.file}: {', '.join(blocking)} cannot be removed, because limbs to keep hang on it;"
+                " --splice takes it out from between"
+            )
+        if keep:
+            others = [
+                limb.name
+                for limb in self.morphology.limbs
+                if limb.name not in needed and (limb.parent is None or limb.parent in needed)
+            ]
+            removed = tuple(dict.fromkeys([*removed, *others]))
+        return Wish(removed, chosen["spliced"], chosen["kept"])
+
+    def cut(
+        self, *, remove: Sequence[str], splice: Sequence[str] = (), drop_assets: bool = False, name: str
+    ) -> Variant:
+        """`ablate` with exact names of limbs and fixed bodies, none of them the root, and none below another."""
+        description, morphology = self.description, self.morphology
+        lost: list[Loss] = []
+        if description.format == "urdf":
+            source = self._urdf.again()
+            plan = make_plan(morphology, urdf.link_parents(source.root), remove, splice)
+            used = Uses(source.root) if drop_assets else None
+            lost += urdf.cut(source.root, plan)
+        else:
+            file = self._mjcf.open([*remove, *splice])
+            source = file.source
+            plan = make_plan(morphology, mjcf.body_parents(file.bodies), remove, splice)
+            lost += file.findings
+            if plan.gone:
+                lost += _name_left(file, plan)
+            used = Uses(source.root) if drop_assets else None
+            lost += mjcf.cut(source.root, file.bodies, plan, file.layout, file.bones)
+        if used is not None:
+            lost += used.drop(source.root)
+        gone = plan.gone
+        reported = [label for body, label in gone.items() if body == label]
+        spliced = tuple(label for label in reported if label in plan.splice)
+        info = replace(
+            description.info,
+            canonical=self._canonical,
+            expert_return=None if gone else description.info.expert_return,
+        )
+        return Variant(
+            description=replace(
+                description,
+                name=name,
+                file=_file_name(name, PurePath(description.file).suffix),
+                source=source.render(),
+                info=info,
+            ),
+            removed=tuple(label for label in reported if label not in spliced),
+            spliced=spliced,
+            limbs=tuple(limb.name for limb in morphology.limbs if limb.name not in gone),
+            lost=tuple(lost),
+        )
+
+    def counterparts(self, *, strict: bool = False) -> dict[str, str]:
+        """The mirror image of every limb and fixed body that has one; see `mirror.counterparts`."""
+        if strict not in self._images:
+            self._images[strict] = counterparts(self.morphology, self._positions, strict=strict)
+        return self._images[strict]
+
+    @cached_property
+    def _positions(self) -> Positions:
+        base = self.morphology.root.name
+        if self.description.format == "urdf":
+            return urdf_positions(self._urdf.root, base)
+        file = self._mjcf.open([])
+        return mjcf_positions(file.source.root, file.bodies, base) if base in file.bodies else {}
+
+    @cached_property
+    def _urdf(self) -> Source:
+        return Source(self.description.source, file=self.description.file)
+
+    @cached_property
+    def _mjcf(self) -> MjcfOpener:
+        return MjcfOpener(self.description)
+
+    @cached_property
+    def _canonical(self) -> dict[str, str]:
+        return canonical_limb_names(self.morphology, self.description.info.canonical)
+
+    def _needed(self, kept: Sequence[str]) -> set[str]:
+        """Kept limbs and all limbs above them; fixed bodies stay with their limbs."""
+        limb_of = {member: limb.name for limb in self.morphology.limbs for member in limb.members}
+        parents = {limb.name: limb.parent for limb in self.morphology.limbs}
+        needed: set[str] = set()
+        for name in kept:
+            current: str | None = limb_of[name]
+            while current is not None and current not in needed:
+                needed.add(current)
+                current = parents[current]
+        return needed
+
+    def _words(self, patterns: Sequence[str], mirror: bool) -> list[str]:
+        words = _asked(patterns, self.morphology)
+        if not mirror:
+            return words
+        return list(dict.fromkeys(part for word in words for part in (word, self.counterparts().get(word, word))))
 
 
 def variant_name(source: str, asked: Sequence[str]) -> str:

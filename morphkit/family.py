@@ -2,18 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import islice
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
-from morphkit.ablation import Variant, cut, variant_name
+from morphkit.ablation import Cutter, Variant, variant_name
 from morphkit.description import Description
 from morphkit.errors import AblationError
-from morphkit.io import read
 from morphkit.morphology import Morphology
 
 
+@dataclass(frozen=True, slots=True)
+class Planned:
+    """A variant to be made.
+
+    Attributes:
+        name: Its name.
+        remove: The topmost limbs that go, in file order.
+        mirrors: Name of an earlier variant whose mirror image this one is; None without one.
+    """
+
+    name: str
+    remove: tuple[str, ...]
+    mirrors: str | None = None
+
+
 def sub_morphologies(
-    description: Description, *, min_limbs: int = 2, max_limbs: int | None = None, limit: int | None = None
+    description: Description,
+    *,
+    min_limbs: int = 2,
+    max_limbs: int | None = None,
+    limit: int | None = None,
+    skip_mirrored: bool = False,
+    drop_assets: bool = False,
 ) -> Iterator[Variant]:
     """Yield every part of a robot that holds its root and hangs together, but the robot itself and its bare root.
 
@@ -25,21 +45,65 @@ def sub_morphologies(
         min_limbs: Fewest limbs that a variant keeps, its root included.
         max_limbs: Most limbs that a variant keeps; None for all but one.
         limit: How many variants at most; None for all.
+        skip_mirrored: Leave out each variant that is the mirror image of an earlier one.
+        drop_assets: As in `ablation.ablate`.
 
     Raises:
         AblationError: A bound makes no sense.
+    """
+    cutter = Cutter(description)
+    planned = plan_family(cutter, min_limbs=min_limbs, max_limbs=max_limbs, limit=limit, skip_mirrored=skip_mirrored)
+    made = (each for each in planned if each.mirrors is None)
+    return (cutter.cut(remove=each.remove, drop_assets=drop_assets, name=each.name) for each in made)
+
+
+def plan_family(
+    cutter: Cutter,
+    *,
+    min_limbs: int = 2,
+    max_limbs: int | None = None,
+    limit: int | None = None,
+    skip_mirrored: bool = False,
+) -> Iterator[Planned]:
+    """The variants of `sub_morphologies`, not yet made; with `skip_mirrored` those to leave out too, marked.
+
+    Those to leave out do not count for `limit`.
     """
     if min_limbs < 1 or (max_limbs is not None and max_limbs < min_limbs) or (limit is not None and limit < 0):
         raise AblationError(
             f"no sub-morphologies with min_limbs={min_limbs}, max_limbs={max_limbs}, limit={limit}: expected"
             " 1 <= min_limbs <= max_limbs and limit >= 0"
         )
-    morphology = read(description)
-    cuts = removals(morphology, min_limbs=min_limbs, max_limbs=max_limbs)
-    return (
-        cut(description, morphology, remove=removed, name=variant_name(description.name, removed))
-        for removed in islice(cuts, limit)
-    )
+    morphology, source = cutter.morphology, cutter.description.name
+    image = cutter.counterparts(strict=True) if skip_mirrored else {}
+
+    def planned() -> Iterator[Planned]:
+        made = 0
+        for removed in removals(morphology, min_limbs=min_limbs, max_limbs=max_limbs):
+            if made == limit:
+                return
+            earlier = _earlier_image(morphology, removed, image) if image else None
+            mirrors = None if earlier is None else variant_name(source, earlier)
+            made += mirrors is None
+            yield Planned(variant_name(source, removed), removed, mirrors)
+
+    return planned()
+
+
+def _earlier_image(
+    morphology: Morphology, removed: tuple[str, ...], image: Mapping[str, str]
+) -> tuple[str, ...] | None:
+    """What the mirror image of a variant loses, where that comes before it in the order of `removals`."""
+    gone = {limb.name for name in removed for limb in morphology.subtree(name)}
+    left = [limb.name for limb in morphology.limbs if limb.name not in gone]
+    if any(name not in image for name in left):
+        return None
+    mirrored = {image[name] for name in left}
+    order = {limb.name: number for number, limb in enumerate(morphology.limbs)}
+    lost = tuple(limb.name for limb in morphology.limbs[1:] if limb.name not in mirrored and limb.parent in mirrored)
+    if [order[name] for name in lost] < [order[name] for name in removed]:
+        return lost
+    return None
 
 
 def removals(morphology: Morphology, *, min_limbs: int = 2, max_limbs: int | None = None) -> Iterator[tuple[str, ...]]:

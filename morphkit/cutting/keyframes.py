@@ -1,4 +1,4 @@
-"""Keyframes of an MJCF file: their vectors are cut to the joints and actuators that stay."""
+"""Keyframes of an MJCF file: their vectors are cut to the joints, mocap bodies, actuators and tendons that stay."""
 
 from __future__ import annotations
 
@@ -15,26 +15,30 @@ from morphkit.cutting.loss import Loss
 from morphkit.cutting.tidy import detach, detach_emptied
 
 _MESH_TYPES = ("mesh", "hfield", "sdf")
+_WIDTHS = {0: (7, 6), 1: (4, 3), 2: (1, 1), 3: (1, 1)}
+"""Joint type -> how many of qpos and of qvel it takes."""
+_WITHOUT_STATE = ("contact", "equality", "sensor", "custom", "visual", "statistic", "keyframe")
 
 
-class Keyframes:
-    """The layout of the vectors in a file's keyframes, taken before anything is cut."""
+class Layout:
+    """Which of a keyframe's values belong to which element of a file, taken before anything is cut.
+
+    Elements are known by their number in document order, so that one layout serves every copy of the tree.
+    """
 
     def __init__(self, root: Any) -> None:
-        self._keys = [key for section in root.iterfind("keyframe") for key in section.iterfind("key")]
-        self._names: dict[int, str] = {}
         self._model: mujoco.MjModel | None = None
-        if not self._keys:
+        self._names: dict[int, tuple[str, str]] = {}  # kind and name of each body, actuator and tendon
+        if next(root.iterfind("keyframe/key"), None) is None:
             return
-        self._held = list(root.iter())  # keeps the proxies alive, so that id() identifies an element
         skeleton = copy.deepcopy(root)
         # Names for what has none, so that an element is found again in the compiled model.
-        for number, (element, twin) in enumerate(zip(self._held, skeleton.iter(), strict=True)):
-            if isinstance(element.tag, str):
-                if twin.get("name") is None and (twin.tag == "body" or _is_actuator(twin)):
-                    twin.set("name", f"unnamed {number}")
-                self._names[id(element)] = twin.get("name", "")
-        _strip_assets(skeleton)
+        for number, twin in enumerate(skeleton.iter()):
+            kind = _kind(twin)
+            if kind:
+                twin.set("name", twin.get("name", f"unnamed {number}"))
+                self._names[number] = kind, twin.get("name")
+        _strip(skeleton)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # they are about the robot, not about its layout
@@ -42,74 +46,82 @@ class Keyframes:
         except (ValueError, RuntimeError):
             self._model = None
 
-    def cut(self, bodies: Iterable[Any], actuators: Iterable[Any]) -> Iterator[Loss]:
-        """Take the values of the joints, mocap bodies and actuators that went out of every keyframe.
+    def number(self, root: Any) -> dict[int, int]:
+        """id() of every element below `root`, a tree of which nothing was cut yet -> its number."""
+        return {} if self._model is None else {id(element): number for number, element in enumerate(root.iter())}
+
+    def cut(self, root: Any, numbers: Iterable[int]) -> Iterator[Loss]:
+        """Take the values of what went out of every keyframe.
 
         Args:
-            bodies: The body elements that went, those below them included.
-            actuators: The actuator elements that went.
+            root: The tree after the cut.
+            numbers: Those of the elements that went; what is no body, actuator or tendon does not matter.
         """
-        bodies, actuators = list(bodies), list(actuators)
-        if not self._keys:
+        keys = list(root.iterfind("keyframe/key"))
+        if keys and self._model is None:
+            yield from _drop(keys, "MuJoCo cannot compile the source to resize it")
+        if not keys or self._model is None:
             return
-        if self._model is None:
-            yield from self._drop()
-            return
-        gone = self._indices(bodies, actuators)
-        for key in self._keys:
+        gone = self._indices(numbers)
+        for key in keys:
             changed = []
             for attribute, (indices, size) in gone.items():
                 words = key.get(attribute, "").split()
-                if len(words) == size and indices:
+                if words and len(words) != size:
+                    yield from _drop([key], f"its {attribute} has {len(words)} values where the source has {size}")
+                    break
+                if words and indices:
                     left = " ".join(word for index, word in enumerate(words) if index not in indices)
                     changed.append(f"{attribute} lost {len(indices)} of {size} values")
                     if left:
                         key.set(attribute, left)
                     else:
                         del key.attrib[attribute]
-            if changed:
-                yield Loss("keyframe", key.get("name", ""), "", "resized: " + ", ".join(changed))
+            else:
+                if changed:
+                    yield Loss("keyframe", key.get("name", ""), "", "resized: " + ", ".join(changed))
 
-    def _drop(self) -> Iterator[Loss]:
-        for key in self._keys:
-            yield Loss("keyframe", key.get("name", ""), "", "removed: MuJoCo cannot compile the source to resize it")
-            section = key.getparent()
-            detach(key)
-            detach_emptied(section)
-
-    def _indices(self, bodies: list[Any], actuators: list[Any]) -> dict[str, tuple[set[int], int]]:
+    def _indices(self, numbers: Iterable[int]) -> dict[str, tuple[set[int], int]]:
         model = self._model
         assert model is not None
-        qpos: set[int] = set()
-        qvel: set[int] = set()
-        mocap: set[int] = set()
-        act: set[int] = set()
-        ctrl: set[int] = set()
-        plastic: set[int] = set()
-        widths = {0: (7, 6), 1: (4, 3), 2: (1, 1), 3: (1, 1)}
-        for body in bodies:
-            index = model.body(self._names[id(body)]).id
-            mocap |= {int(model.body_mocapid[index])} - {-1}
-            first = int(model.body_jntadr[index])
-            for joint in range(first, first + int(model.body_jntnum[index])):
-                nq, nv = widths[int(model.jnt_type[joint])]
-                qpos |= _span(model.jnt_qposadr[joint], nq)
-                qvel |= _span(model.jnt_dofadr[joint], nv)
-                plastic |= _plastic(model, joint)
-        for actuator in actuators:
-            index = model.actuator(self._names[id(actuator)]).id
-            if model.actuator_actadr[index] >= 0:
-                act |= _span(model.actuator_actadr[index], model.actuator_actnum[index])
-            ctrl |= _span(*_controls(model, index))
-        return {
-            "qpos": (qpos, model.nq),
-            "qvel": (qvel, model.nv),
-            "act": (act, model.na),
-            "ctrl": (ctrl, model.nu),
-            "mpos": ({3 * m + i for m in mocap for i in range(3)}, 3 * model.nmocap),
-            "mquat": ({4 * m + i for m in mocap for i in range(4)}, 4 * model.nmocap),
-            "plastic": (plastic, int(getattr(model, "nplastic", 0))),
+        gone: dict[str, set[int]] = {
+            name: set() for name in ("qpos", "qvel", "act", "ctrl", "mpos", "mquat", "plastic")
         }
+        for kind, name in (self._names[number] for number in numbers if number in self._names):
+            if kind == "actuator":
+                actuator = model.actuator(name).id
+                if model.actuator_actadr[actuator] >= 0:
+                    gone["act"] |= _span(model.actuator_actadr[actuator], model.actuator_actnum[actuator])
+                gone["ctrl"] |= _span(*_controls(model, actuator))
+            elif kind == "tendon":
+                gone["plastic"] |= _plastic(model, "tendon_plasticadr", model.tendon(name).id)
+            else:
+                self._add_body(model.body(name).id, gone)
+        sizes = {"qpos": model.nq, "qvel": model.nv, "act": model.na, "ctrl": model.nu}
+        sizes |= {"mpos": 3 * model.nmocap, "mquat": 4 * model.nmocap, "plastic": int(getattr(model, "nplastic", 0))}
+        return {name: (indices, sizes[name]) for name, indices in gone.items()}
+
+    def _add_body(self, body: int, gone: dict[str, set[int]]) -> None:
+        model = self._model
+        assert model is not None
+        mocap = int(model.body_mocapid[body])
+        if mocap >= 0:
+            gone["mpos"] |= _span(3 * mocap, 3)
+            gone["mquat"] |= _span(4 * mocap, 4)
+        first = int(model.body_jntadr[body])
+        for joint in range(first, first + int(model.body_jntnum[body])):
+            nq, nv = _WIDTHS[int(model.jnt_type[joint])]
+            gone["qpos"] |= _span(model.jnt_qposadr[joint], nq)
+            gone["qvel"] |= _span(model.jnt_dofadr[joint], nv)
+            gone["plastic"] |= _plastic(model, "jnt_plasticadr", joint)
+
+
+def _drop(keys: Iterable[Any], reason: str) -> Iterator[Loss]:
+    for key in keys:
+        yield Loss("keyframe", key.get("name", ""), "", f"removed: {reason}")
+        section = key.getparent()
+        detach(key)
+        detach_emptied(section)
 
 
 def _span(start: Any, count: Any) -> set[int]:
@@ -123,23 +135,30 @@ def _controls(model: mujoco.MjModel, actuator: int) -> tuple[int, int]:
     return actuator, 1
 
 
-def _plastic(model: mujoco.MjModel, joint: int) -> set[int]:
-    """The values of `key/plastic` that belong to a joint; MuJoCo 4 keeps the yielded angle of a spring there."""
-    if not hasattr(model, "jnt_plasticadr") or model.jnt_plasticadr[joint] < 0:
+def _plastic(model: mujoco.MjModel, addresses: str, index: int) -> set[int]:
+    """The values of `key/plastic` of a joint or tendon; MuJoCo 4 keeps the yielded angle of a spring there."""
+    if not hasattr(model, addresses) or getattr(model, addresses)[index] < 0:
         return set()
-    start = int(model.jnt_plasticadr[joint])
+    start = int(getattr(model, addresses)[index])
     arrays = [model.jnt_plasticadr, model.tendon_plasticadr, model.flex_plasticadr]
     later = [int(address) for address in np.concatenate(arrays) if address > start]
     return set(range(start, min([*later, model.nplastic])))
 
 
-def _is_actuator(element: Any) -> bool:
+def _kind(element: Any) -> str:
+    """`body`, `actuator` or `tendon`; empty for any other element."""
+    if element.tag == "body":
+        return "body"
     parent = element.getparent()
-    return parent is not None and parent.tag == "actuator"
+    section = parent.tag if parent is not None and isinstance(element.tag, str) else ""
+    return str(section) if section in ("actuator", "tendon") else ""
 
 
-def _strip_assets(root: Any) -> None:
-    """Take out what needs files and does not matter to the layout, so that missing meshes do no harm."""
+def _strip(root: Any) -> None:
+    """Take out what has no part in the state, and what needs files, so that missing meshes do no harm."""
+    for section in list(root):
+        if section.tag in _WITHOUT_STATE:
+            root.remove(section)
     for element in list(root.iterfind("asset/*")):
         if element.tag != "model":
             element.getparent().remove(element)

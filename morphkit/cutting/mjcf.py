@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from morphkit.cutting.defaults import Defaults, inherited_class
 from morphkit.cutting.frames import Angles, Pose, identity, numbers, text, write_mjcf
-from morphkit.cutting.keyframes import Keyframes
+from morphkit.cutting.keyframes import Layout
 from morphkit.cutting.loss import Loss
 from morphkit.cutting.plan import Plan
-from morphkit.cutting.references import Removed, collect, prune_references
+from morphkit.cutting.references import Bones, Removed, collect, prune_references
 from morphkit.cutting.tidy import detach, lift
+
+_NO_BONES: Bones = MappingProxyType({})
 
 
 def body_elements(root: Any) -> list[Any]:
@@ -30,19 +33,21 @@ def body_parents(bodies: Mapping[str, Any]) -> dict[str, str | None]:
     }
 
 
-def cut(root: Any, bodies: Mapping[str, Any], plan: Plan) -> list[Loss]:
+def cut(root: Any, bodies: Mapping[str, Any], plan: Plan, layout: Layout, bones: Bones = _NO_BONES) -> list[Loss]:
     """Edit the tree below the `<mujoco>` element in place.
 
     Args:
         root: The root element, includes flattened.
         bodies: Element of each body, by name, in file order.
         plan: What goes.
+        layout: That of the file's keyframes.
+        bones: The bodies that a skin's file names, by the skin's reference to it.
 
     Returns:
         What went beside the bodies themselves.
     """
-    keyframes = Keyframes(root)
-    actuators = [item for section in root.iterfind("actuator") for item in section if isinstance(item.tag, str)]
+    numbers = layout.number(root)
+    held = list(root.iter()) if numbers else []  # keeps the proxies alive, so that id() identifies an element
     removed: Removed = {}
     lost: list[Loss] = []
     for name, limb in plan.gone.items():
@@ -52,10 +57,9 @@ def cut(root: Any, bodies: Mapping[str, Any], plan: Plan) -> list[Loss]:
     _splice(root, [bodies[name] for name in plan.splice])
     for name in plan.prune:
         detach(bodies[name])
-    lost += prune_references(root, removed)
-    alive = {id(item) for section in root.iterfind("actuator") for item in section}
-    gone = [bodies[name] for name in plan.gone]
-    lost += keyframes.cut(gone, [item for item in actuators if id(item) not in alive])
+    lost += prune_references(root, removed, bones)
+    left = {id(element) for element in root.iter()}
+    lost += layout.cut(root, [numbers[id(element)] for element in held if id(element) not in left])
     return lost
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from morphkit.cutting.loss import Loss
@@ -10,6 +10,8 @@ from morphkit.cutting.tidy import detach, detach_emptied
 
 Removed = dict[tuple[str, str], str]
 """(kind, name) of everything removed -> the limb that it belonged or referred to."""
+Bones = Mapping[str, Sequence[str]]
+"""`file` attribute of a skin -> the bodies that the file names."""
 
 _KIND_OF_ATTRIBUTE = {
     "joint": "joint",
@@ -74,7 +76,7 @@ def _parts(body: Any) -> Iterator[Any]:
             yield child
 
 
-def prune_references(root: Any, removed: Removed) -> Iterator[Loss]:
+def prune_references(root: Any, removed: Removed, bones: Bones) -> Iterator[Loss]:
     """Take out whatever refers to something in `removed`, and what refers to that, until nothing does.
 
     A tendon, tuple, skin or flex goes whole where one of its parts goes, as with `MjSpec.delete`.
@@ -84,7 +86,7 @@ def prune_references(root: Any, removed: Removed) -> Iterator[Loss]:
     while found:
         found = False
         for item in items[:]:
-            hit = _hit(item, removed)
+            hit = _hit(item, removed, bones)
             if hit is None:
                 continue
             kind, target = hit
@@ -115,8 +117,12 @@ def _own_kind(item: Any) -> str:
     return section if section in ("equality", "tendon", "actuator", "sensor") else str(item.tag)
 
 
-def _hit(item: Any, removed: Removed) -> tuple[str, str] | None:
+def _hit(item: Any, removed: Removed, bones: Bones) -> tuple[str, str] | None:
     """The first removed thing that `item` or a part of it refers to."""
+    if item.tag == "skin":
+        bone = next((name for name in bones.get(item.get("file", ""), ()) if ("body", name) in removed), None)
+        if bone is not None:
+            return "body", bone
     for element in item.iter():
         if not isinstance(element.tag, str):
             continue

@@ -10,6 +10,9 @@ from xml.sax.saxutils import escape
 from morphkit.io.xml import parse, serialize
 
 _ATTRIBUTE = re.compile(r"""(\s+)([^\s=<>"'/]+)(\s*=\s*)("[^"]*"|'[^']*')""")
+Span = tuple[int, int, int, int]
+"""Byte offsets of an element: start tag from, to; end tag from, to."""
+_START_TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*+"|'[^']*+')*+>""")
 _ASCII_BASED = {"utf-8", "us-ascii", "ascii", "iso-8859-1", "latin-1"}
 
 
@@ -23,24 +26,33 @@ class Source:
         root: The root element; edit the tree below it freely.
     """
 
-    def __init__(self, source: bytes, *, file: str) -> None:
+    def __init__(self, source: bytes, *, file: str, offsets: list[Span] | None = None) -> None:
         self._source = source
+        self._file = file
         self._tree = parse(source, file=file)
         self.root: Any = self._tree.getroot()
         self._encoding = (self._tree.docinfo.encoding or "utf-8").lower()
         self._nodes = list(self.root.iter())  # keeps the proxies alive, so that id() identifies an element
         self._before = {id(node): _state(node) for node in self._nodes}
-        self._spans: dict[int, tuple[int, int, int, int]] = {}
-        if self._encoding in _ASCII_BASED:
-            elements = [node for node in self._nodes if isinstance(node.tag, str)]
-            spans = _spans(source)
-            if len(spans) == len(elements):
-                self._spans = {id(element): span for element, span in zip(elements, spans, strict=True)}
+        self._spans: dict[int, Span] = {}
+        self._edited: set[int] = set()
+        if offsets is None:
+            offsets = _spans(source) if self._encoding in _ASCII_BASED else []
+        self._offsets = offsets
+        elements = [node for node in self._nodes if isinstance(node.tag, str)]
+        if len(offsets) == len(elements):
+            self._spans = {id(element): span for element, span in zip(elements, offsets, strict=True)}
+
+    def again(self) -> Source:
+        """The file as it was read, to be edited anew."""
+        return Source(self._source, file=self._file, offsets=self._offsets)
 
     def render(self) -> bytes:
         """The file's bytes after the edits."""
         if not self._spans:
             return serialize(self._tree)
+        self._edited = set()
+        self._find_edits(self.root)
         span = self._spans[id(self.root)]
         return self._source[: span[0]] + self._render(self.root) + self._source[span[3] :]
 
@@ -48,7 +60,7 @@ class Source:
         if not isinstance(node.tag, str):
             return self._bytes(_markup(node))
         span = self._spans.get(id(node))
-        if span is not None and self._unchanged(node):
+        if span is not None and id(node) not in self._edited:
             return self._source[span[0] : span[3]]
         name = node.tag if node.prefix is None else f"{node.prefix}:{node.tag.rpartition('}')[2]}"
         content = self._text(node.text) + b"".join(self._render(child) + self._text(child.tail) for child in node)
@@ -65,10 +77,14 @@ class Source:
             return start + b"/>"
         return start + b">" + content + self._bytes(f"</{name}>")
 
-    def _unchanged(self, node: Any) -> bool:
-        if self._before.get(id(node)) != _state(node):
-            return False
-        return all(self._unchanged(child) for child in node)
+    def _find_edits(self, node: Any) -> bool:
+        """Enter every node at or below `node` that is not as it was read, or holds one that is not."""
+        edited = self._before.get(id(node)) != _state(node)
+        for child in node:
+            edited |= self._find_edits(child)
+        if edited:
+            self._edited.add(id(node))
+        return edited
 
     def _bytes(self, text: str) -> bytes:
         if b"\r\n" in self._source:
@@ -113,10 +129,10 @@ def _edit_attributes(start: str, before: dict[str, str], wanted: dict[str, str])
     return edited + "".join(f" {name}={_quote(value)}" for name, value in left.items())
 
 
-def _spans(source: bytes) -> list[tuple[int, int, int, int]]:
-    """Byte offsets of each element in document order: start tag from, to; end tag from, to."""
+def _spans(source: bytes) -> list[Span]:
+    """Offsets of each element in document order."""
     parser = expat.ParserCreate()
-    spans: list[tuple[int, int, int, int]] = []
+    spans: list[Span] = []
     stack: list[int] = []
 
     def start(name: str, attributes: dict[str, str]) -> None:
@@ -134,20 +150,16 @@ def _spans(source: bytes) -> list[tuple[int, int, int, int]]:
 
     parser.StartElementHandler = start
     parser.EndElementHandler = end
-    parser.Parse(source, True)
+    try:
+        parser.Parse(source, True)
+    except expat.ExpatError:  # such as an odd version, which lxml lets pass: then the file is written out by lxml
+        return []
     return spans
 
 
 def _tag_end(source: bytes, begin: int) -> int:
     """Offset after the `>` that closes the start tag at `begin`; a `>` inside quotes closes nothing."""
-    quote = 0
-    for offset in range(begin, len(source)):
-        byte = source[offset]
-        if quote:
-            if byte == quote:
-                quote = 0
-        elif byte in (0x22, 0x27):
-            quote = byte
-        elif byte == 0x3E:
-            return offset + 1
-    raise ValueError("a start tag without its end")  # the parser has accepted the file, so this cannot be
+    match = _START_TAG.match(source, begin)
+    if match is None:
+        raise ValueError("a start tag without its end")  # the parser has accepted the file, so this cannot be
+    return match.end()

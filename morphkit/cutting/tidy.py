@@ -13,6 +13,8 @@ def detach(element: Any) -> None:
     merged = before if following is not None else tail  # where nothing follows, the closing tag's indentation
     if before.strip() or tail.strip():
         merged = before + tail
+    elif following is not None and "\n" in before and "\n" in tail:
+        merged = before.rpartition("\n")[0] + "\n" + tail.rpartition("\n")[2]
     parent.remove(element)
     if previous is None:
         parent.text = merged
