@@ -14,7 +14,7 @@ import typer
 
 from morphkit.errors import MorphkitError, TrainingError
 
-from . import ablate, benchmark, benchmark_run, evaluate, robots, tokens, train
+from . import ablate, benchmark, benchmark_run, diff, evaluate, robots, tokens, train
 
 INTERRUPTED = 130
 
@@ -56,6 +56,7 @@ def _register(name: str, command: Callable[..., None], examples: Sequence[str], 
 _register("robots", robots.robots, robots.EXAMPLES)
 _register("tokens", tokens.tokens, tokens.EXAMPLES)
 _register("ablate", ablate.ablate, ablate.EXAMPLES)
+_register("diff", diff.diff, diff.EXAMPLES)
 _register("train", train.train, train.EXAMPLES)
 _register("evaluate", evaluate.evaluate, evaluate.EXAMPLES)
 

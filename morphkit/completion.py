@@ -100,10 +100,10 @@ def lowest_point(model: mujoco.MjModel, root: int) -> float:
     own = model.body_rootid[model.geom_bodyid] == root
     touching = own & ((model.geom_contype > 0) | (model.geom_conaffinity > 0))
     geoms = np.flatnonzero(touching if touching.any() else own)
-    return min((_lowest_of(model, data, geom) for geom in geoms), default=float(data.xpos[root, 2]))
+    return min((lowest_of(model, data, geom) for geom in geoms), default=float(data.xpos[root, 2]))
 
 
-def _lowest_of(model: mujoco.MjModel, data: mujoco.MjData, geom: np.integer) -> float:
+def lowest_of(model: mujoco.MjModel, data: mujoco.MjData, geom: int | np.integer) -> float:
     """Lowest height of one geom, m; that of its bounding sphere where the type is not known here."""
     types, size = mujoco.mjtGeom, model.geom_size[geom]
     height, down = float(data.geom_xpos[geom, 2]), data.geom_xmat[geom].reshape(3, 3)[2]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,16 @@ from morphkit.io.mjcf import name_elements
 MUJOCO_MESHES = {".stl", ".obj", ".msh"}
 
 
-def load_spec(description: Description) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
+def load_spec(description: Description, *, incomplete: set[str] | None = None) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
     """Parse a description into an MjSpec that compiles without touching the file system again.
 
     A URDF goes through MuJoCo's importer with `fusestatic="false" discardvisual="false"`, so that fixed links and
     visuals survive. A mesh that only decorates (no contact, no part in masses) is dropped where it cannot be found.
+
+    Args:
+        description: The robot.
+        incomplete: For a model that is only looked at: a set, to which the names of bodies are added that lose a shape.
+            Every mesh and height field that cannot be found is dropped then, even one that matters.
 
     Returns:
         The spec, its bodies, joints and actuators all named as the reader names them; and one sentence for each thing
@@ -34,15 +40,19 @@ def load_spec(description: Description) -> tuple[mujoco.MjSpec, tuple[str, ...]]
     if description.format == "urdf":
         references = _prepare_urdf(tree.getroot())
     else:
-        resolve.flatten_includes(tree, description.folder, file=description.file)
+        resolve.flatten_includes(tree, description.folder, file=description.file, packages=description.packages)
         for model in tree.iterfind("asset/model[@file]"):
-            model.set("file", str(_find(model.get("file") or "", description)))
+            model.set("file", str(resolve.locate(model.get("file") or "", description)))
     try:
         spec = mujoco.MjSpec.from_string(xml.serialize(tree).decode())
     except ValueError as error:
         raise DescriptionError(f"{description.file}: MuJoCo cannot read it: {error}") from error
     name_elements(spec)
-    notes = [*_resolve_meshes(spec, description, references), *_resolve_images(spec, description)]
+    notes = [
+        *_resolve_meshes(spec, description, references, incomplete),
+        *_resolve_fields(spec, description, incomplete),
+        *_resolve_images(spec, description),
+    ]
     spec.meshdir = spec.texturedir = ""
     return spec, tuple(notes)
 
@@ -75,7 +85,9 @@ def _prepare_urdf(robot: Any) -> dict[str, str]:
     return {name: reference for reference, name in names.items()}
 
 
-def _resolve_meshes(spec: mujoco.MjSpec, description: Description, references: dict[str, str]) -> list[str]:
+def _resolve_meshes(
+    spec: mujoco.MjSpec, description: Description, references: dict[str, str], incomplete: set[str] | None
+) -> list[str]:
     notes = []
     for mesh in list(spec.meshes):
         if not mesh.file:
@@ -85,21 +97,39 @@ def _resolve_meshes(spec: mujoco.MjSpec, description: Description, references: d
         try:
             name, content = _mesh_bytes(reference, description)
         except AssetError as error:
-            if not all(_is_decoration(geom) for geom in users):
+            if incomplete is None and not all(_is_decoration(geom) for geom in users):
                 raise AssetError(f"{description.file}: mesh {reference!r} is needed in simulation: {error}") from error
-            notes.append(f"visual mesh {reference!r} was left out: {error}")
-            for geom in users:
-                spec.delete(geom)
-            spec.delete(mesh)
+            notes.append(f"mesh {reference!r} was left out: {error}")
+            drop_shape(spec, mesh, users, incomplete)
             continue
         mesh.file = f"{len(spec.assets)}_{name}"
         spec.assets = {**spec.assets, mesh.file: content}
-    for field in spec.hfields:
-        if field.file:
-            path = _find(str(Path(spec.meshdir) / field.file), description)
-            field.file = f"{len(spec.assets)}_{path.name}"
-            spec.assets = {**spec.assets, field.file: path.read_bytes()}
     return notes
+
+
+def _resolve_fields(spec: mujoco.MjSpec, description: Description, incomplete: set[str] | None) -> list[str]:
+    notes = []
+    for field in [field for field in spec.hfields if field.file]:
+        try:
+            path = resolve.locate(str(Path(spec.meshdir) / field.file), description)
+        except AssetError as error:
+            if incomplete is None:
+                raise
+            notes.append(f"height field {field.file!r} was left out: {error}")
+            drop_shape(spec, field, [geom for geom in spec.geoms if geom.hfieldname == field.name], incomplete)
+            continue
+        field.file = f"{len(spec.assets)}_{path.name}"
+        spec.assets = {**spec.assets, field.file: path.read_bytes()}
+    return notes
+
+
+def drop_shape(spec: mujoco.MjSpec, asset: Any, users: Sequence[Any], incomplete: set[str] | None = None) -> None:
+    """Delete a mesh or height field and the geoms that use it; the names of their bodies are added to `incomplete`."""
+    for geom in users:
+        if incomplete is not None:
+            incomplete.add(geom.parent.name)
+        spec.delete(geom)
+    spec.delete(asset)
 
 
 def _resolve_images(spec: mujoco.MjSpec, description: Description) -> list[str]:
@@ -110,7 +140,7 @@ def _resolve_images(spec: mujoco.MjSpec, description: Description) -> list[str]:
         if not files:
             continue
         try:
-            paths = [_find(str(Path(spec.texturedir) / file), description) for file in files]
+            paths = [resolve.locate(str(Path(spec.texturedir) / file), description) for file in files]
         except AssetError as error:
             notes.append(f"texture {texture.name or files[0]!r} was left out: {error}")
             texture.file, texture.cubefiles = "", [""] * len(texture.cubefiles)
@@ -132,15 +162,9 @@ def _is_decoration(geom: Any) -> bool:
     return not geom.contype and not geom.conaffinity and (geom.parent.explicitinertial or massless)
 
 
-def _find(reference: str, description: Description) -> Path:
-    if description.folder is None:
-        raise AssetError(f"{description.file}: {reference!r} cannot be looked for: the description has no folder")
-    return resolve.resolve_asset(reference, description.folder)
-
-
 def _mesh_bytes(reference: str, description: Description) -> tuple[str, bytes]:
     """File name and content of a mesh in a format that MuJoCo reads; others are converted with trimesh."""
-    path = _find(reference, description)
+    path = resolve.locate(reference, description)
     if path.suffix.lower() in MUJOCO_MESHES:
         return path.name, path.read_bytes()
     import trimesh

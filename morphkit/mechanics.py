@@ -1,0 +1,174 @@
+"""A robot description -> a MuJoCo model of its shapes, joints and masses that is only looked at, whatever is missing.
+
+Unlike `simulation.build` it stops at no missing or broken mesh and at no impossible inertia: what cannot be used is
+left out and noted. It cannot be stepped in a meaningful way.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from morphkit import completion, dressing
+from morphkit.description import Description
+from morphkit.errors import DescriptionError
+from morphkit.io import read
+from morphkit.loading import compile_spec, drop_shape, load_spec
+from morphkit.morphology import Morphology
+
+_TINY = 1e-12  # kg, kg*m^2: what MuJoCo needs to accept a moving body without a mass
+_ELEMENT = re.compile(r"Element name '(.*?)', id \d+", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Mechanics:
+    """A robot as shapes, joints and masses.
+
+    Attributes:
+        description: Where it comes from.
+        morphology: Its limbs.
+        model: The model: the robot and what else stands in its file, without contacts.
+        start: First key frame of the file, else its zero pose; hinges and slides within their limits, shape (nq,).
+        root: Body id of the root limb.
+        limb_of: Body id -> name of the limb that the body belongs to, for all bodies of the robot.
+        joints: Joint ids of the robot, those of its base first.
+        base_joints: How many of `joints` move the root.
+        weightless: Names of bodies whose mass is not known, because it follows from shapes that are missing.
+        notes: One sentence for each thing that was left out.
+    """
+
+    description: Description
+    morphology: Morphology
+    model: mujoco.MjModel
+    start: np.ndarray
+    root: int
+    limb_of: dict[int, str]
+    joints: tuple[int, ...]
+    base_joints: int
+    weightless: frozenset[str]
+    notes: tuple[str, ...]
+
+
+def load_mechanics(description: Description, *, shapes: bool = True) -> Mechanics:
+    """Read a description for looking at it.
+
+    Args:
+        description: The robot.
+        shapes: Load everything that can be drawn, and draw a limb without shapes as a stick. Else only the shapes that
+            masses follow from, which spares reading most meshes.
+
+    Raises:
+        DescriptionError: MuJoCo cannot read or compile the file, for a reason other than meshes and inertias.
+        AssetError: An included file is missing.
+    """
+    morphology = read(description)
+    incomplete: set[str] = set()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # MuJoCo's advice on the file is for those who simulate it.
+        spec, dropped = load_spec(description, incomplete=incomplete)
+        notes = list(dropped)
+        limb_of = {member: limb.name for limb in morphology.limbs for member in limb.members}
+        root = spec.body(morphology.root.name)
+        if root is None:
+            raise DescriptionError(f"{description.file}: MuJoCo made no body of root {morphology.root.name!r}")
+        if description.format == "urdf":
+            dressing.hide_collision_shapes(spec)
+            spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+        if shapes:
+            dressing.show_left_shapes(spec, incomplete)
+            dressing.add_sticks(spec, root, limb_of)
+            has_floor = not completion.add_floor(spec, solid=False)
+        else:
+            _drop_shapes_without_mass(spec)
+        weightless = {body.name for body in spec.bodies if body.name in incomplete and _weighs_by_shape(spec, body)}
+        model = _compile(spec, description.file, incomplete=weightless, notes=notes)
+    root_id = model.body(morphology.root.name).id
+    start = _start_pose(model)
+    if shapes:
+        dressing.colour_limbs(model, root_id)
+        if not has_floor:
+            dressing.lay_floor(model, model.geom(completion.FLOOR_NAME).id, root_id, start)
+    own = {model.body(name).id: limb for name, limb in limb_of.items()}
+    joints = tuple(joint for joint in range(model.njnt) if int(model.jnt_bodyid[joint]) in own)
+    return Mechanics(
+        description=description,
+        morphology=morphology,
+        model=model,
+        start=start,
+        root=root_id,
+        limb_of=own,
+        joints=joints,
+        base_joints=int(model.body_jntnum[root_id]),
+        weightless=frozenset(weightless),
+        notes=tuple(notes),
+    )
+
+
+def _weighs_by_shape(spec: mujoco.MjSpec, body: Any) -> bool:
+    """Whether the body's mass follows from its shapes."""
+    by_shape = spec.compiler.inertiafromgeom
+    kinds = mujoco.mjtInertiaFromGeom
+    return by_shape == kinds.mjINERTIAFROMGEOM_TRUE or (
+        by_shape == kinds.mjINERTIAFROMGEOM_AUTO and not body.explicitinertial
+    )
+
+
+def _drop_shapes_without_mass(spec: mujoco.MjSpec) -> None:
+    for body in spec.bodies:
+        if not _weighs_by_shape(spec, body):
+            for geom in body.geoms:
+                spec.delete(geom)
+    used = {geom.meshname for geom in spec.geoms}
+    for mesh in [mesh for mesh in spec.meshes if mesh.name not in used]:
+        spec.delete(mesh)
+
+
+def _compile(spec: mujoco.MjSpec, file: str, *, incomplete: set[str], notes: list[str]) -> mujoco.MjModel:
+    """Compile `spec`; broken meshes and impossible inertias are left out and noted, with the names of their bodies."""
+    spec.compiler.boundmass, spec.compiler.boundinertia = _TINY, _TINY
+    spec.compiler.balanceinertia = True
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0  # Else MuJoCo computes the convex hull of every mesh.
+    for _ in range(len(spec.meshes) + len(spec.bodies) + 1):
+        try:
+            return spec.compile()
+        except ValueError as error:
+            if not _leave_out(spec, str(error), incomplete, notes):
+                break
+    return compile_spec(spec, file)
+
+
+def _leave_out(spec: mujoco.MjSpec, complaint: str, incomplete: set[str], notes: list[str]) -> bool:
+    """Leave out the mesh or the inertia that MuJoCo complains about; whether it was one of those."""
+    reason = " ".join(complaint.removeprefix("Error:").split())
+    for mesh in spec.meshes:
+        if (mesh.name and f"'{mesh.name}'" in complaint) or (mesh.file and mesh.file in complaint):
+            notes.append(f"mesh {mesh.name!r} was left out: {reason}")
+            drop_shape(spec, mesh, [geom for geom in spec.geoms if geom.meshname == mesh.name], incomplete)
+            return True
+    named = _ELEMENT.search(complaint)
+    body = spec.body(named[1]) if named and "inertia" in complaint else None
+    if body is None or body.name in incomplete:
+        return False
+    notes.append(f"the inertia of {body.name!r} was left out: {reason}")
+    incomplete.add(body.name)
+    body.explicitinertial = True
+    body.fullinertia = [np.nan, 0, 0, 0, 0, 0]
+    body.mass, body.inertia, body.ipos = _TINY, [_TINY] * 3, [0, 0, 0]
+    return True
+
+
+def _start_pose(model: mujoco.MjModel) -> np.ndarray:
+    """The first key frame, else the zero pose, with hinges and slides within their limits."""
+    pose = np.array(model.key_qpos[0] if model.nkey and np.isfinite(model.key_qpos[0]).all() else model.qpos0)
+    kinds = mujoco.mjtJoint
+    for joint in range(model.njnt):
+        if model.jnt_limited[joint] and model.jnt_type[joint] in (kinds.mjJNT_HINGE, kinds.mjJNT_SLIDE):
+            address = model.jnt_qposadr[joint]
+            pose[address] = np.clip(pose[address], *model.jnt_range[joint])
+    return pose
