@@ -124,7 +124,7 @@ def _draw_curves(axes: Axes, metrics: Sequence[Mapping[str, Any]]) -> None:
         axes.plot(steps, values, color=_TRAINED, linewidth=2.8, label="mean of the training bodies",
                   marker="o" if len(steps) == 1 else None)  # fmt: skip
     if axes.lines:
-        axes.legend(frameon=False, loc="best", fontsize=9)
+        axes.legend(loc="best", fontsize=9, framealpha=0.8, edgecolor="none")
         axes.set_xlim(left=0)
     else:
         _say(axes, "no episode has ended yet")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from morphkit_rl.replay import Ring, sample
 
@@ -68,3 +69,87 @@ def test_batches_stand_side_by_side() -> None:
     assert batch.action.shape == (7, 2)
     assert batch.reward.shape == batch.discount.shape == (7, 2)
     np.testing.assert_array_equal(batch.obs[:, [0, 2]], batch.reward)
+
+
+class SimpleRing:
+    """The same replay with each next observation stored beside its transition, in a plain list."""
+
+    def __init__(self, num_envs: int, sweeps: int):
+        self.num_envs, self.sweeps, self.added, self.rows = num_envs, sweeps, 0, {}
+
+    def add(self, **fields: np.ndarray) -> None:
+        for env in range(self.num_envs):
+            self.rows[self.added, env] = {name: np.copy(values[env]) for name, values in fields.items()}
+            self.rows.pop((self.added - self.sweeps, env), None)
+        self.added += 1
+
+    def sample(self, batch: int, n_step: int, discount: float, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
+        sweeps = rng.integers(max(self.added - self.sweeps, 0), self.added, batch)
+        envs = rng.integers(0, self.num_envs, batch)
+        out: list[tuple[np.ndarray, ...]] = []
+        for sweep, env in zip(sweeps.tolist(), envs.tolist(), strict=True):
+            row, reward, factor, number = self.rows[sweep, env], np.float32(0), np.float32(1), sweep
+            while True:
+                last = self.rows[number, env]
+                reward = np.float32(reward + factor * last["reward"])
+                factor = np.float32(factor * discount)
+                number += 1
+                if last["ended"] or number - sweep == n_step or number == self.added:
+                    break
+            factor = np.float32(0) if last["terminated"] else factor
+            out.append((row["obs"], row["action"], reward, last["next_obs"], factor))
+        return tuple(np.stack(part) for part in zip(*out, strict=True))
+
+
+def play_randomly(rings: list[Ring | SimpleRing], sweeps: int, seed: int, scale: float = 1.0) -> None:
+    """Add random episodes that terminate and are truncated to all `rings` alike."""
+    rng = np.random.default_rng(seed)
+    obs = rng.standard_normal((3, 4)).astype(np.float32) * scale
+    for _ in range(sweeps):
+        next_obs = rng.standard_normal((3, 4)).astype(np.float32) * scale
+        terminated, truncated = rng.random((2, 3)) < 0.15
+        fields = {
+            "obs": obs,
+            "action": rng.uniform(-1, 1, (3, 2)).astype(np.float32),
+            "reward": rng.standard_normal(3).astype(np.float32),
+            "next_obs": next_obs,
+            "terminated": terminated,
+            "ended": terminated | truncated,
+        }
+        for ring in rings:
+            ring.add(**fields)
+        obs = np.where(fields["ended"][:, None], rng.standard_normal((3, 4)) * scale, next_obs).astype(np.float32)
+
+
+@pytest.mark.parametrize("n_step", [1, 2, 5])
+@pytest.mark.parametrize("sweeps", [1, 2, 6, 7, 8, 40])
+def test_samples_equal_those_of_a_replay_that_stores_every_next_observation(sweeps: int, n_step: int) -> None:
+    ring, simple = Ring(4, 2, num_envs=3, capacity=22), SimpleRing(3, 7)
+    assert ring.sweeps == 7
+    play_randomly([ring, simple], sweeps, seed=sweeps)
+    mine, expected = (r.sample(400, n_step, 0.9, np.random.default_rng(5)) for r in (ring, simple))
+    for name, one, other in zip(("obs", "action", "reward", "next_obs", "factor"), mine, expected, strict=True):
+        assert one.dtype == np.float32
+        np.testing.assert_allclose(one, other, rtol=0 if n_step == 1 else 1e-6, atol=0, err_msg=name)
+
+
+def test_final_observations_go_with_their_transitions() -> None:
+    ring = Ring(4, 2, num_envs=3, capacity=30)
+    play_randomly([ring], 5000, seed=0)
+    assert len(ring.finals.numbers) == ring.ended.sum() <= 30
+    assert ring.finals.nbytes < 10 * 30 * (4 * 4 + 8), "what was overwritten must go"
+
+
+def test_half_precision_rounds_and_bounds_but_never_overflows() -> None:
+    exact, half = Ring(4, 2, 3, 60), Ring(4, 2, 3, 60, dtype="float16")
+    play_randomly([exact, half], 30, seed=1)
+    for one, other in zip(*(r.sample(500, 3, 0.99, np.random.default_rng(0)) for r in (exact, half)), strict=True):
+        np.testing.assert_allclose(other, one, rtol=2**-11, atol=1e-7)
+        assert other.dtype == np.float32
+    assert half.obs.nbytes * 2 == exact.obs.nbytes
+    wild = Ring(4, 2, 3, 60, dtype="float16")
+    play_randomly([wild], 30, seed=1, scale=1e6)
+    obs, _, _, next_obs, _ = wild.sample(500, 1, 0.99, np.random.default_rng(0))
+    assert np.isfinite(obs).all()
+    assert np.isfinite(next_obs).all()
+    assert np.abs(obs).max() == 65504
