@@ -21,6 +21,7 @@ EXAMPLES = (
     "morphkit tokens cheetah",
     "morphkit tokens walker --naming canonical",
     "morphkit tokens my_robot.urdf --format json --output tokens.json",
+    "morphkit tokens my_robot.xml --sensors all",
 )
 
 
@@ -40,6 +41,10 @@ def tokens(
         Literal["words", "raw"],
         typer.Option(help="Text that the language model reads: words, or the name with its underscores."),
     ] = "words",
+    sensors: Annotated[
+        Literal["limb", "declared", "all"],
+        typer.Option(help="What every limb senses; what the sensors in the file read; or both."),
+    ] = "limb",
     root: Annotated[
         str | None, typer.Option(metavar="NAME", help="The top-level body to take, where the file has several.")
     ] = None,
@@ -48,23 +53,29 @@ def tokens(
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write to FILE instead of stdout.")
     ] = None,
 ) -> None:
-    """Print the tokens of a robot: every scalar that its limbs sense, and every one that its actuators accept.
+    """Print the tokens of a robot: every scalar that its limbs (or sensors) sense, and every one that its actuators
+    accept.
 
     The same file always gives the same bytes.
     """
+    from morphkit.declared import without_scalars
     from morphkit.io import read
     from morphkit.io.packages import parse_packages
     from morphkit.robots import load
     from morphkit.tokens import tokens as make_tokens
 
     description = load(robot, root=root, packages=parse_packages(package or []))
+    morphology = read(description)
     spec = make_tokens(
-        read(description),
+        morphology,
         naming=naming,
         limb_names=limb_names,
         text_style=text_style,
         canonical=description.info.canonical,
+        sensors=sensors,
     )
+    if sensors != "limb" and (silent := without_scalars(morphology)):
+        typer.echo(f"note: no scalars from {', '.join(silent)}", err=True)
     if output_format == "table":
         text = _table(spec, width=terminal_width() if output is None else None)
     else:
@@ -92,7 +103,8 @@ def _range(low: float | None, high: float | None) -> str:
 def _table(spec: TokenSpec, *, width: int | None) -> str:
     """The tokens as text, at most `width` columns wide where leaving columns out can do it."""
     sensors = [
-        (str(s.index), s.name, s.text, s.limb, s.unit, _range(s.low, s.high), s.frame or "-") for s in spec.sensors
+        (str(s.index), s.name, s.text, s.limb or "-", s.unit, _range(s.low, s.high), s.frame or "-")
+        for s in spec.sensors
     ]
     actuators = [
         (str(a.index), a.name, a.text, a.limb or "-", a.joint or "-", a.unit, _range(a.low, a.high))

@@ -71,12 +71,41 @@ class Actuator:
 
 
 @dataclass(frozen=True, slots=True)
+class Reading:
+    """One scalar of a declared sensor.
+
+    Attributes:
+        quantity: What is read, such as `gyro` or `linear_acceleration`.
+        component: `x`, `w`, `from_x`, a number, ...; None where the sensor reads one scalar only.
+        unit: Unit, `1` for a share, a flag or part of a unit vector.
+        frame: `world`, `contact`, or the name of the site, body or link whose frame it is; None without a frame.
+        low: What the reading is bounded by from below; None where it is not.
+        high: What the reading is bounded by from above; None where it is not.
+    """
+
+    quantity: str
+    component: str | None
+    unit: str
+    frame: str | None = None
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Sensor:
-    """A sensor that the file itself declares; `limb` is None where it belongs to no single limb."""
+    """A sensor that the file itself declares.
+
+    Attributes:
+        name: Name in the file; where it has none, its kind and what it is attached to.
+        kind: Kind of sensor: MuJoCo's (`framepos`, `touch`) or that of URDF and Gazebo (`imu`, `camera`).
+        limb: The limb that it belongs to; None where it belongs to no single limb.
+        readings: Its scalars in their order; none for cameras, lidars and sensors of a size that the file does not say.
+    """
 
     name: str
     kind: str
     limb: str | None
+    readings: tuple[Reading, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
 
 from morphkit import tokens_io
+from morphkit.declared import declared_readings
 from morphkit.errors import ConfigError
 from morphkit.morphology import Base, Format, Morphology
 from morphkit.naming import unique
@@ -27,21 +28,26 @@ __all__ = ["VELOCITY_LIMIT", "ActuatorToken", "Naming", "SensorToken", "TokenLim
 
 SCHEMA_VERSION = 1
 
+SensorChoice = Literal["limb", "declared", "all"]
+_Sensed = tuple[str, str | None, str, str | None, str, str | None, float | None, float | None]
+"""Name, limb, quantity, component, unit, frame, low, high."""
+
 
 @dataclass(frozen=True, slots=True)
 class SensorToken:
-    """One scalar that a limb senses.
+    """One scalar that a limb or a declared sensor senses.
 
     Attributes:
         index: Place in the observation, from 0.
         name: Name, unique in the robot, such as `ffoot_position_x`.
         text: What the text encoder reads, unique in the robot, such as `ffoot position x`.
-        limb: Name of the limb in the description file.
+        limb: Name of the limb in the description file; None for a declared sensor that belongs to no single limb.
         quantity: `position`, `translational_velocity`, `rotational_velocity`, `exponential_map`, `type`, `angle`,
-            `joint_range_low` or `joint_range_high`.
+            `joint_range_low` or `joint_range_high`; of a declared sensor that of its `Reading`, such as `gyro`.
         component: `x`, `y` or `z`; `0` to `3` for `type`; None where there is one scalar only.
         unit: Unit, `1` for a share or a flag.
-        frame: `world` (x positions are relative to the root limb's x), None for scalars without a frame.
+        frame: `world` (x positions are relative to the root limb's x), None for scalars without a frame. A declared
+            sensor's is that of its `Reading`, and its x positions are relative to nothing.
         low: What the value is clipped to from below; None where it is not clipped.
         high: What the value is clipped to from above; None where it is not clipped.
     """
@@ -49,7 +55,7 @@ class SensorToken:
     index: int
     name: str
     text: str
-    limb: str
+    limb: str | None
     quantity: str
     component: str | None
     unit: str
@@ -127,7 +133,7 @@ class TokenSpec:
 
     @cached_property
     def token_limb(self) -> np.ndarray:
-        """Index into `limbs` of every sensor token, int64 (sensors,)."""
+        """Index into `limbs` of every sensor token, int64 (sensors,); -1 where it belongs to no single limb."""
         return self._limb_indices([sensor.limb for sensor in self.sensors])
 
     @cached_property
@@ -171,6 +177,7 @@ def tokens(
     limb_names: Literal["body", "joint"] = "body",
     text_style: Literal["words", "raw"] = "words",
     canonical: Mapping[str, str] | None = None,
+    sensors: SensorChoice = "limb",
 ) -> TokenSpec:
     """Name every scalar that a robot's limbs sense and that its actuators accept.
 
@@ -181,6 +188,8 @@ def tokens(
             limbs without a joint keep their body's name.
         text_style: `words` puts spaces for underscores in `text`; `raw` sends the name as it is, as published code did.
         canonical: Raw limb name -> plain words, before the rules of `canonical` naming (`RobotInfo.canonical`).
+        sensors: `limb` gives what every limb senses, `declared` the readings of the sensors in the file, `all` both, in
+            this order.
 
     Returns:
         The tokens; names and texts are unique even for an uncased encoder: what reads like an earlier one is numbered.
@@ -192,13 +201,22 @@ def tokens(
         ("naming", naming, get_args(Naming)),
         ("limb_names", limb_names, ("body", "joint")),
         ("text_style", text_style, ("words", "raw")),
+        ("sensors", sensors, get_args(SensorChoice)),
     ):
         if value not in choices:
             raise ConfigError(f"{option} is {value!r}, expected one of {', '.join(choices)}")
     labels = limb_labels(morphology, naming, limb_names, canonical or {})
     joints = {limb.name: joint_labels(limb, naming, labels[limb.name]) for limb in morphology.limbs}
-    scalars = [scalar for limb in morphology.limbs for scalar in limb_scalars(limb, joints[limb.name])]
-    names = unique(f"{labels[limb]}_{suffix}" for limb, suffix, *_ in scalars)
+    sensed: list[_Sensed] = []
+    if sensors != "declared":
+        for limb in morphology.limbs:
+            for _, suffix, quantity, component, unit, frame, limit in limb_scalars(limb, joints[limb.name]):
+                name = f"{labels[limb.name]}_{suffix}"
+                sensed.append((name, limb.name, quantity, component, unit, frame, limit and -limit, limit))
+    if sensors != "limb":
+        for name, sensor, reading in declared_readings(morphology, canonical=naming == "canonical"):
+            sensed.append((name, sensor.limb, *astuple(reading)))
+    names = unique(name for name, *_ in sensed)
     controls = unique(actuator_names(morphology.actuators, naming, labels, joints), taken=names)
 
     def text(name: str) -> str:
@@ -218,10 +236,8 @@ def tokens(
             for limb in morphology.limbs
         ),
         sensors=tuple(
-            SensorToken(i, name, text(name), limb, quantity, component, unit, frame, limit and -limit, limit)
-            for i, (name, (limb, _, quantity, component, unit, frame, limit)) in enumerate(
-                zip(names, scalars, strict=True)
-            )
+            SensorToken(i, name, text(name), *about)
+            for i, (name, (_, *about)) in enumerate(zip(names, sensed, strict=True))
         ),
         actuators=tuple(
             ActuatorToken(i, name, text(name), a.limb, a.joint, a.unit, _finite(a.low), _finite(a.high))

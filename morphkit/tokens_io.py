@@ -113,5 +113,5 @@ def _check_references(limbs: set[str], **lists: list[dict[str, Any]]) -> None:
         for i, record in enumerate(records):
             if record["index"] != i:
                 raise DescriptionError(f"token specification: {kind}[{i}].index is {record['index']!r}, expected {i}")
-            if record["limb"] not in limbs and not (kind == "actuators" and record["limb"] is None):
+            if record["limb"] is not None and record["limb"] not in limbs:
                 raise DescriptionError(f"token specification: {kind}[{i}].limb {record['limb']!r} is not among limbs")

@@ -16,7 +16,8 @@ from morphkit.io import xml
 from morphkit.io.actuators import Where, is_limited, joint_range, read_actuators
 from morphkit.io.common import choose_root, limb_type, unique
 from morphkit.io.resolve import flatten_includes, locate
-from morphkit.morphology import Base, Joint, JointKind, Limb, Morphology, Sensor
+from morphkit.io.sensors import read_sensors
+from morphkit.morphology import Base, Joint, JointKind, Limb, Morphology
 
 _KINDS: dict[Any, JointKind] = {
     mujoco.mjtJoint.mjJNT_HINGE: "hinge",
@@ -70,7 +71,7 @@ def read_mjcf(description: Description) -> Morphology:
         type_words=info.type_words,
         limbs=tuple(limbs),
         actuators=read_actuators(spec, limb_of, where),
-        sensors=tuple(_sensors(spec, limb_of)),
+        sensors=read_sensors(spec, limb_of),
     )
 
 
@@ -169,26 +170,3 @@ def _base(joints: list[Any]) -> Base:
         if all(abs(float(np.dot(hinge.axis, slide.axis))) < 1e-6 for slide in slides):
             return "planar"
     return "fixed"
-
-
-def _sensors(spec: mujoco.MjSpec, limb_of: dict[str, str]) -> Iterator[Sensor]:
-    taken: set[str] = {sensor.name for sensor in spec.sensors}
-    for sensor in spec.sensors:
-        kind = sensor.type.name.removeprefix("mjSENS_").lower()
-        name = sensor.name or unique("_".join(part for part in (kind, sensor.objname) if part), taken)
-        taken.add(name)
-        yield Sensor(name, kind, limb_of.get(_body_of(spec, sensor.objtype, sensor.objname)))
-
-
-def _body_of(spec: mujoco.MjSpec, kind: Any, name: str) -> str:
-    obj = mujoco.mjtObj
-    if kind in (obj.mjOBJ_BODY, obj.mjOBJ_XBODY):
-        return name
-    look_up = {
-        obj.mjOBJ_JOINT: spec.joint,
-        obj.mjOBJ_GEOM: spec.geom,
-        obj.mjOBJ_SITE: spec.site,
-        obj.mjOBJ_CAMERA: spec.camera,
-    }.get(kind)
-    element = look_up(name) if look_up is not None else None
-    return element.parent.name if element is not None else ""

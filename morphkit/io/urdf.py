@@ -15,7 +15,8 @@ from morphkit.errors import DescriptionError
 from morphkit.io import xml
 from morphkit.io.common import choose_root, limb_type, unique
 from morphkit.io.urdf_checks import check_urdf
-from morphkit.morphology import Actuator, Base, Joint, JointKind, Limb, Morphology, Sensor
+from morphkit.io.urdf_sensors import read_sensors
+from morphkit.morphology import Actuator, Base, Joint, JointKind, Limb, Morphology
 
 WORLD = "world"
 _KINDS: dict[str, JointKind] = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "spherical": "ball"}
@@ -65,7 +66,7 @@ def read_urdf(description: Description) -> Morphology:
         type_words=info.type_words,
         limbs=limbs,
         actuators=_actuators(tree, robot, limb_joints),
-        sensors=tuple(_sensors(tree, limb_of, limb_joints)),
+        sensors=tuple(read_sensors(tree, limb_of)),
     )
 
 
@@ -183,22 +184,3 @@ def _transmissions(tree: etree._ElementTree) -> Iterator[tuple[str, str]]:
             name = actuators[position] if position < len(actuators) else None
             if joint:
                 yield name or joint, joint
-
-
-def _sensors(
-    tree: etree._ElementTree, limb_of: dict[str, str], limb_joints: dict[str, tuple[str, Joint]]
-) -> Iterator[Sensor]:
-    root = tree.getroot()
-    for element in root.iterchildren("sensor"):
-        parent = element.find("parent")
-        link = parent.get("link") if parent is not None else None
-        kind = next((child.tag for child in element if isinstance(child.tag, str) and child.tag not in _PLACING), "")
-        yield Sensor(element.get("name") or "sensor", element.get("type") or kind, limb_of.get(link or ""))
-    for block in root.iterchildren("gazebo"):
-        reference = block.get("reference") or ""
-        limb = limb_of.get(reference) or limb_joints.get(reference, (None,))[0]
-        for element in block.iterchildren("sensor"):
-            yield Sensor(element.get("name") or "sensor", element.get("type") or "", limb)
-
-
-_PLACING = ("parent", "origin")

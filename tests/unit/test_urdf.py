@@ -12,7 +12,7 @@ import pytest
 from morphkit.description import Description, RobotInfo
 from morphkit.errors import DescriptionError, UnknownNameError
 from morphkit.io import read
-from morphkit.morphology import Joint, Sensor
+from morphkit.morphology import Joint, Reading, Sensor
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 
@@ -127,7 +127,8 @@ def test_sensors() -> None:
     gazebo = '<gazebo reference="foot"><sensor name="touch" type="contact"/></gazebo><gazebo><plugin/></gazebo>'
     sensor = '<sensor name="eye" update_rate="1"><parent link="imu"/><origin/><camera/></sensor>'
     found = read(urdf(*DOG, gazebo, sensor)).sensors
-    assert found == (Sensor("eye", "camera", "trunk"), Sensor("touch", "contact", "knee"))
+    touched = Reading("contact", None, "1", None, 0.0, 1.0)
+    assert found == (Sensor("eye", "camera", "trunk"), Sensor("touch", "contact", "knee", (touched,)))
 
 
 A, B = link("a"), link("b")
