@@ -112,14 +112,29 @@ def _inputs(spec: mujoco.MjSpec, actuator: Any, joint: Any | None) -> Iterator[t
 
 
 def _bounds(spec: mujoco.MjSpec, actuator: Any, joint: Any | None) -> tuple[float, float]:
-    """Range of an actuator's first control input; `inheritrange` takes the joint's."""
-    share = float(actuator.inheritrange)
-    if share > 0 and joint is not None and actuator.dyntype != mujoco.mjtDyn.mjDYN_INTEGRATOR:
-        low, high = joint_range(joint)
-        middle, half = (low + high) / 2, (high - low) / 2 * share
+    """Range of an actuator's first control input; `inheritrange` takes that of the joint or tendon."""
+    inherited = _inherited(spec, actuator, joint)
+    if inherited is not None:
+        low, high = inherited
+        middle, half = (low + high) / 2, (high - low) / 2 * float(actuator.inheritrange)
         return _interval((middle - half, middle + half))
     low, high = (float(value) for value in actuator.ctrlrange)
     return (low, high) if is_limited(spec, actuator.ctrllimited, low, high) else (-math.inf, math.inf)
+
+
+def _inherited(spec: mujoco.MjSpec, actuator: Any, joint: Any | None) -> tuple[float, float] | None:
+    """The range that a position-like actuator inherits; as in MuJoCo, another kind (or its filter) ignores the wish."""
+    servo = (
+        actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED
+        and actuator.biastype == mujoco.mjtBias.mjBIAS_AFFINE
+        and actuator.gainprm[0] == -actuator.biasprm[1]
+    )
+    if not servo or actuator.inheritrange <= 0 or actuator.dyntype == mujoco.mjtDyn.mjDYN_INTEGRATOR:
+        return None
+    if joint is not None:
+        return joint_range(joint)
+    tendon = spec.tendon(actuator.target) if actuator.trntype == _TRN.mjTRN_TENDON else None
+    return (float(tendon.range[0]), float(tendon.range[1])) if tendon is not None else None
 
 
 def _interval(limits: Sequence[float]) -> tuple[float, float]:

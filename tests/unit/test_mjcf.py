@@ -280,3 +280,15 @@ def test_encodings() -> None:
         b'<?xml version="1.0" encoding="ISO-8859-1"?>' + text.encode("latin-1"),
     ):
         assert read(Description(name="m", file="m.xml", format="mjcf", source=source)).root.name == "été"
+
+
+def test_only_servos_inherit_a_range() -> None:
+    """The class's wish counts for the position actuator, not for the motor; a tendon's range counts as a joint's."""
+    inside = """<default><position inheritrange="0.5"/></default>
+    <worldbody><body name="b"><geom size="1"/><joint name="j" range="-10 50"/></body></worldbody>
+    <tendon><fixed name="t" range="-1 3"><joint joint="j" coef="1"/></fixed></tendon>
+    <actuator><position joint="j"/><position tendon="t"/><motor joint="j" ctrlrange="-7 7"/></actuator>"""
+    compiled = mujoco.MjModel.from_xml_string(f"<mujoco>{inside}</mujoco>").actuator_ctrlrange
+    found = [(actuator.low, actuator.high) for actuator in read(mjcf(inside)).actuators]
+    np.testing.assert_allclose(found, compiled, atol=1e-12)
+    assert found[1:] == [(0.0, 2.0), (-7.0, 7.0)]
