@@ -21,6 +21,7 @@ EXAMPLES = (
     "morphkit tokens cheetah",
     "morphkit tokens walker --naming canonical",
     "morphkit tokens my_robot.urdf --format json --output tokens.json",
+    "morphkit tokens cheetah --quantity position --quantity translational_velocity",
     "morphkit tokens my_robot.xml --sensors all",
 )
 
@@ -45,6 +46,13 @@ def tokens(
         Literal["limb", "declared", "all"],
         typer.Option(help="What every limb senses; what the sensors in the file read; or both."),
     ] = "limb",
+    quantity: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Leave out sensor tokens of other quantities; several may be given. 'no_ltv': all but 'type'.",
+        ),
+    ] = None,
     root: Annotated[
         str | None, typer.Option(metavar="NAME", help="The top-level body to take, where the file has several.")
     ] = None,
@@ -62,6 +70,7 @@ def tokens(
     from morphkit.io import read
     from morphkit.io.packages import parse_packages
     from morphkit.robots import load
+    from morphkit.token_selection import take_quantities
     from morphkit.tokens import tokens as make_tokens
 
     description = load(robot, root=root, packages=parse_packages(package or []))
@@ -74,6 +83,7 @@ def tokens(
         canonical=description.info.canonical,
         sensors=sensors,
     )
+    spec = take_quantities(spec, quantity or ())
     if sensors != "limb" and (silent := without_scalars(morphology)):
         typer.echo(f"note: no scalars from {', '.join(silent)}", err=True)
     if output_format == "table":

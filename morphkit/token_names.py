@@ -11,6 +11,8 @@ from morphkit.naming import canonical_joint_names, canonical_limb_names, unique
 from morphkit.vocabulary import plain, split
 
 Naming = Literal["raw", "canonical"]
+LimbNames = Literal["body", "joint"]
+TextStyle = Literal["words", "raw"]
 
 VELOCITY_LIMIT = 10.0
 """What translational velocities are clipped to, m/s."""
@@ -23,6 +25,10 @@ _BODY_QUANTITIES: tuple[tuple[str, str, str, str | None, float | None], ...] = (
     ("exponential_map", "xyz", "rad", "world", None),
     ("type", "0123", "1", None, None),
 )
+_JOINT_QUANTITIES = ("angle", "joint_range_low", "joint_range_high")
+
+QUANTITIES: tuple[str, ...] = (*(quantity for quantity, *_ in _BODY_QUANTITIES), *_JOINT_QUANTITIES)
+"""What sensor tokens measure, in their order within a limb."""
 
 
 Scalar = tuple[str, str, str, str | None, str, str | None, float | None]
@@ -43,7 +49,7 @@ def limb_scalars(limb: Limb, labels: Mapping[str, str]) -> Iterator[Scalar]:
 
 def _joint_units(joint: Joint | None) -> dict[str, str]:
     unit = "m" if joint is not None and joint.kind == "slide" else "1"
-    return dict.fromkeys(("angle", "joint_range_low", "joint_range_high"), unit)
+    return dict.fromkeys(_JOINT_QUANTITIES, unit)
 
 
 def limb_labels(

@@ -43,6 +43,7 @@ class Collector:
             [robot.simulation for robot in robots],
             [robot.task for robot in robots],
             config.num_envs,
+            specs=[robot.spec for robot in robots],
             observation=config.observation,
             seed=seed,
         )

@@ -24,11 +24,15 @@ class TextConfig:
         encoder: `minilm`, a model name of the Hugging Face hub, or a local folder.
         pooling: `mean`, `cls`, or `default` for what suits the encoder.
         naming: `canonical` gives like limbs of different robots like texts; `raw` keeps the file's names.
+        limb_names: Whether limbs are called by their body (link) or by their joint.
+        style: Whether texts are words or, as in published code, names with their underscores.
     """
 
     encoder: str = "minilm"
     pooling: Literal["default", "mean", "cls"] = "default"
     naming: Literal["canonical", "raw"] = "raw"
+    limb_names: Literal["body", "joint"] = "body"
+    style: Literal["words", "raw"] = "words"
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +45,14 @@ class ModelConfig:
         layers: Transformer layers.
         heads: Attention heads.
         feedforward: Width of the feed-forward part of a layer.
+        conditioned: Amorpheus and the critics of MA-BERT and AnyMorph: whether the head reads a limb's scalars again.
+        code_size: MA-BERT and AnyMorph: size of the frequency code of a value; even.
+        combine: MA-BERT: whether a token's embedding and frequency code are concatenated or added.
+        hidden: MA-BERT and AnyMorph: whether one more hidden layer stands before the transformer.
+        token_size: AnyMorph: size of a learned token embedding.
+        message_size: SMP: size of a message.
+        actor_messages: SMP: which way messages go in the actor.
+        critic_messages: SMP: the same in the critics.
     """
 
     method: str = "limb-former"
@@ -48,6 +60,14 @@ class ModelConfig:
     layers: int = 2
     heads: int = 2
     feedforward: int = 128
+    conditioned: bool = True
+    code_size: int = 96
+    combine: Literal["concat", "add"] = "concat"
+    hidden: bool = False
+    token_size: int = 32
+    message_size: int = 32
+    actor_messages: Literal["both", "up", "down", "none"] = "both"
+    critic_messages: Literal["both", "up", "down", "none"] = "both"
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +80,8 @@ class TD3Config:
         n_step: Rewards summed before the target bootstraps.
         tau: Share of the online networks that a Polyak update moves into the targets.
         policy_delay: Critic updates per actor and target update.
+        actor_first: Whether the first update of the critics is followed by one of the actor, as in published code; else
+            the `policy_delay`-th is.
         learning_rate: Adam's step size, for actor and critics.
         target_noise: Standard deviation of the noise on target actions, on actions in [-1, 1].
         target_noise_clip: Bound of that noise.
@@ -73,6 +95,7 @@ class TD3Config:
     n_step: int = 1
     tau: float = 0.02
     policy_delay: int = 2
+    actor_first: bool = False
     learning_rate: float = 6e-4
     target_noise: float = 0.2
     target_noise_clip: float = 0.5
@@ -97,6 +120,7 @@ class TrainerConfig:
         replay_dtype: How observations and actions are kept; `float16` takes half the memory.
         normalize: Whether observations are standardised by running statistics.
         observation: `fixed`, or `legacy` with the published code's defects.
+        sensors: Quantities that are observed, such as `position`, or `no_ltv`: all but `type`; none named: all.
         evaluate_steps: Steps between two noise-free evaluations of the training and validation robots; 0 for none.
         evaluate_episodes: Episodes a robot in such an evaluation.
         precision: `bfloat16`, `float32`, or `auto` for what the processor is good at.
@@ -113,6 +137,7 @@ class TrainerConfig:
     replay_dtype: Literal["float32", "float16"] = "float32"
     normalize: bool = True
     observation: Literal["fixed", "legacy"] = "fixed"
+    sensors: tuple[str, ...] = ()
     evaluate_steps: int = 0
     evaluate_episodes: int = 10
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
@@ -131,7 +156,7 @@ class TrainConfig:
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Sections and their settings, as JSON and TOML can hold them."""
-        return dataclasses.asdict(self)
+        return dataclasses.asdict(self, dict_factory=_lists_for_tuples)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], *, origin: str) -> TrainConfig:
@@ -224,6 +249,8 @@ def _check(hint: Any, value: Any, where: str) -> Any:
         return value
     if isinstance(hint, types.UnionType):
         raise TypeError(f"{where}: settings have one type")
+    if hint == tuple[str, ...]:
+        return _words(value, where)
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
@@ -233,3 +260,15 @@ def _check(hint: Any, value: Any, where: str) -> Any:
         if not lowest <= value < float("inf"):
             raise ConfigError(f"{where} is {value!r}; expected a number of at least {lowest}")
     return value
+
+
+def _words(value: Any, where: str) -> tuple[str, ...]:
+    """A list of strings; a string stands for its parts between commas."""
+    words = [part.strip() for part in value.split(",") if part.strip()] if isinstance(value, str) else value
+    if not isinstance(words, list | tuple) or not all(isinstance(word, str) for word in words):
+        raise ConfigError(f"{where} is {value!r}; expected a list of strings")
+    return tuple(words)
+
+
+def _lists_for_tuples(items: list[tuple[str, Any]]) -> dict[str, Any]:
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in items}

@@ -177,4 +177,4 @@ def _prepared(policy: Policy, description: Description, task: str | None, base: 
 
 def _single(policy: Policy, robot: Robot, num_envs: int, seed: int) -> BatchEnv:
     observation = policy.config.trainer.observation
-    return BatchEnv([robot.simulation], [robot.task], num_envs, observation=observation, seed=seed)
+    return BatchEnv([robot.simulation], [robot.task], num_envs, specs=[robot.spec], observation=observation, seed=seed)

@@ -89,6 +89,7 @@ class Monitor:
                 [robot.simulation for robot in self.robots],
                 [robot.task for robot in self.robots],
                 self.config.evaluate_episodes,
+                specs=[robot.spec for robot in self.robots],
                 observation=self.config.observation,
             )
         return self._env

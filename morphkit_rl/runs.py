@@ -160,7 +160,15 @@ def prepare_robot(
     config: TrainConfig, description: Description, *, task: str | None = None, base: Base | None = None
 ) -> Robot:
     """A robot with the tokens that `config` asks for; `task` and `base` default to the robot's own."""
-    return prepare(description, config.text.naming, task=task, base=base)
+    return prepare(
+        description,
+        config.text.naming,
+        task=task,
+        base=base,
+        sensors=config.trainer.sensors,
+        limb_names=config.text.limb_names,
+        text_style=config.text.style,
+    )
 
 
 def make_encoder(config: TrainConfig) -> TextEncoder:

@@ -65,6 +65,7 @@ class BatchEnv:
         simulations: The robots.
         tasks: The task of each, from `task_for`.
         num_envs: Environments of each robot, or one number for all.
+        specs: What to observe of each robot: its tokens or some of them, under any names; default: all of them.
         observation: `fixed`, or `legacy` with the published code's defects.
         seed: Seeds the start states.
         num_threads: Threads that step; None: one a usable processor core.
@@ -75,7 +76,8 @@ class BatchEnv:
         diverged: Episodes that ended because a state was not finite, int64 (robots,).
 
     Raises:
-        ConfigError: No robots, lists of different lengths, or a task that `task_for` has not filled in.
+        ConfigError: No robots, lists of different lengths, a task that `task_for` has not filled in, or a specification
+            that is not its robot's.
     """
 
     def __init__(
@@ -84,6 +86,7 @@ class BatchEnv:
         tasks: Sequence[Task],
         num_envs: int | Sequence[int],
         *,
+        specs: Sequence[TokenSpec] | None = None,
         observation: Observation = "fixed",
         seed: int = 0,
         num_threads: int | None = None,
@@ -92,15 +95,15 @@ class BatchEnv:
         self.autoreset = autoreset
         self.num_envs = [num_envs] * len(simulations) if isinstance(num_envs, int) else list(num_envs)
         self.simulations, self.tasks = list(simulations), list(tasks)
-        _check(self.simulations, self.tasks, self.num_envs, observation)
-        self.specs: list[TokenSpec] = [simulation.tokens for simulation in simulations]
+        self.specs = [simulation.tokens for simulation in simulations] if specs is None else list(specs)
+        _check(self.simulations, self.tasks, self.num_envs, self.specs, observation)
         self.diverged = np.zeros(len(simulations), np.int64)
         self._robots = [Robot(*robot) for robot in zip(simulations, tasks, self.num_envs, strict=True)]
         sizes = [robot.start.size for robot in self._robots]
         states = _slices([n * size for n, size in zip(self.num_envs, sizes, strict=True)])
         self._state = np.concatenate([np.tile(robot.start, len(robot.ctrl)) for robot in self._robots])
         starts = [np.arange(part.start, part.stop, size) for part, size in zip(states, sizes, strict=True)]
-        self._observe_all = ObservationPass(simulations, starts, observation)
+        self._observe_all = ObservationPass(simulations, self.specs, starts, observation)
         rows = _slices([n * len(s.limb_body) for n, s in zip(self.num_envs, simulations, strict=True)])
         for robot, part, mine, n in zip(self._robots, states, rows, self.num_envs, strict=True):
             robot.state = self._state[part].reshape(n, -1)
@@ -305,11 +308,16 @@ def _slices(sizes: Sequence[int]) -> list[slice]:
     return [slice(first, last) for first, last in pairwise(ends)]
 
 
-def _check(simulations: list[Simulation], tasks: list[Task], num_envs: list[int], observation: str) -> None:
+def _check(
+    simulations: list[Simulation], tasks: list[Task], num_envs: list[int], specs: list[TokenSpec], observation: str
+) -> None:
     if not simulations:
         raise ConfigError("there is no robot to simulate")
-    if not len(simulations) == len(tasks) == len(num_envs):
-        raise ConfigError(f"{len(simulations)} robots need as many tasks ({len(tasks)}) and num_envs ({len(num_envs)})")
+    if not len(simulations) == len(tasks) == len(num_envs) == len(specs):
+        raise ConfigError(
+            f"{len(simulations)} robots need as many tasks ({len(tasks)}), num_envs ({len(num_envs)}) and specs "
+            f"({len(specs)})"
+        )
     if min(num_envs) < 1:
         raise ConfigError(f"every robot needs at least one environment, not {min(num_envs)}")
     if observation not in ("fixed", "legacy"):

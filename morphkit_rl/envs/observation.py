@@ -12,6 +12,8 @@ from morphkit.completion import NUMBERS_PER_LIMB
 from morphkit.naming import limb_type
 from morphkit.simulation import Simulation
 from morphkit.token_names import VELOCITY_LIMIT
+from morphkit.tokens import TokenSpec
+from morphkit_rl.envs.selection import sensor_columns
 
 Observation = Literal["fixed", "legacy"]
 
@@ -29,6 +31,7 @@ class ObservationPass:
 
     Args:
         simulations: The robots.
+        specs: What to observe of each: its tokens or some of them.
         state_start: Where in the flat state vector each environment of each robot starts, one int (n,) a robot; there
             stand time, qpos, qvel and what else the simulator keeps.
         observation: `fixed`, or `legacy`: two defects of the published code. There, limbs other than the root report
@@ -41,7 +44,11 @@ class ObservationPass:
     """
 
     def __init__(
-        self, simulations: Sequence[Simulation], state_start: Sequence[np.ndarray], observation: Observation
+        self,
+        simulations: Sequence[Simulation],
+        specs: Sequence[TokenSpec],
+        state_start: Sequence[np.ndarray],
+        observation: Observation,
     ) -> None:
         self._legacy = observation == "legacy"
         num_envs = [len(start) for start in state_start]
@@ -59,16 +66,24 @@ class ObservationPass:
         self._angle_low, self._angle_scale = angles[:, 1], angles[:, 2]
         self._wrapped = np.flatnonzero(angles[:, 3] == 1)
         self._balls = np.flatnonzero(angles[:, 3] == 2)
-        self._fill_source(simulations, num_envs, [len(table) for table in joints])
+        self._fill_source(simulations, specs, num_envs, [len(table) for table in joints])
 
-    def _fill_source(self, simulations: Sequence[Simulation], num_envs: Sequence[int], joints: Sequence[int]) -> None:
+    def _fill_source(
+        self,
+        simulations: Sequence[Simulation],
+        specs: Sequence[TokenSpec],
+        num_envs: Sequence[int],
+        joints: Sequence[int],
+    ) -> None:
         """Allocate the source buffer, fill in its constants, and lay down where each token comes from."""
         first_angle = len(self.sensors) * _FEATURES
         first_constant = first_angle + len(self._angle_state)
         next_feature, next_angle, next_constant = 0, first_angle, first_constant
         constants, gather = [np.zeros(0)], []
-        for simulation, n, n_joints in zip(simulations, num_envs, joints, strict=True):
+        for simulation, spec, n, n_joints in zip(simulations, specs, num_envs, joints, strict=True):
             start, section, values = _token_sources(simulation, legacy=self._legacy)
+            chosen = sensor_columns(spec, simulation.tokens)
+            start, section = start[chosen], section[chosen]
             n_features = len(simulation.limb_body) * _FEATURES
             # Sections are numbered so that they index these: 0 constants, 1 features, -1 angles.
             origin = np.array([next_constant, next_feature, next_angle])[section]

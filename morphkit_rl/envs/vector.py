@@ -14,11 +14,12 @@ from gymnasium.vector.utils import batch_space
 
 from morphkit.morphology import Base
 from morphkit.robots import load
-from morphkit.simulation import Simulation, build
+from morphkit.simulation import Simulation
+from morphkit.token_names import LimbNames, Naming, TextStyle
 from morphkit.tokens import TokenSpec
 from morphkit_rl.envs.batch import BatchEnv
 from morphkit_rl.envs.observation import Observation
-from morphkit_rl.envs.tasks import task_for
+from morphkit_rl.robots import Robot, prepare
 
 RENDER_SIZE = {"width": 480, "height": 360}
 
@@ -45,6 +46,8 @@ class MorphEnv(gym.Env[np.ndarray, np.ndarray]):
     Args:
         robot: Shipped robot, recipe or path of a description file.
         observation: `fixed` or `legacy`.
+        sensors: Quantities that are observed, such as `position`, or `no_ltv`: all but `type`; default: all.
+        naming: How the tokens in `token_spec` are named; `limb_names` and `text_style` as in `morphkit.token_spec`.
         task: Name of the task; None takes the robot's own.
         base: How to attach a root without joints; None takes what the description says.
         render_mode: `rgb_array` or None.
@@ -57,14 +60,20 @@ class MorphEnv(gym.Env[np.ndarray, np.ndarray]):
         robot: str | Path,
         *,
         observation: Observation = "fixed",
+        sensors: Sequence[str] = (),
+        naming: Naming = "raw",
+        limb_names: LimbNames = "body",
+        text_style: TextStyle = "words",
         task: str | None = None,
         base: Base | None = None,
         render_mode: str | None = None,
     ) -> None:
-        self.simulation, self._batch, self.metadata = _make(
-            robot, 1, observation, task, base, self.metadata, autoreset=False, num_threads=1
+        own = prepare(
+            load(robot), naming, task=task, base=base, sensors=sensors, limb_names=limb_names, text_style=text_style
         )
-        self.token_spec = self.simulation.tokens
+        self.simulation, self.token_spec = own.simulation, own.spec
+        self._batch = _batch(own, 1, observation, autoreset=False, num_threads=1)
+        self.metadata = {**self.metadata, "render_fps": _control_rate(own)}
         self.observation_space, self.action_space = spaces(self.token_spec)
         self.render_mode = render_mode
         self._seeded = False
@@ -118,6 +127,8 @@ class MorphVectorEnv(gym.vector.VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         robot: Shipped robot, recipe or path of a description file.
         num_envs: How many.
         observation: `fixed` or `legacy`.
+        sensors: Quantities that are observed, such as `position`, or `no_ltv`: all but `type`; default: all.
+        naming: How the tokens in `token_spec` are named; `limb_names` and `text_style` as in `morphkit.token_spec`.
         task: Name of the task; None takes the robot's own.
         base: How to attach a root without joints; None takes what the description says.
         render_mode: `rgb_array` or None.
@@ -136,16 +147,22 @@ class MorphVectorEnv(gym.vector.VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         num_envs: int = 1,
         *,
         observation: Observation = "fixed",
+        sensors: Sequence[str] = (),
+        naming: Naming = "raw",
+        limb_names: LimbNames = "body",
+        text_style: TextStyle = "words",
         task: str | None = None,
         base: Base | None = None,
         render_mode: str | None = None,
         num_threads: int | None = None,
     ) -> None:
-        self.simulation, self._batch, self.metadata = _make(
-            robot, num_envs, observation, task, base, self.metadata, autoreset=True, num_threads=num_threads
+        own = prepare(
+            load(robot), naming, task=task, base=base, sensors=sensors, limb_names=limb_names, text_style=text_style
         )
+        self.simulation, self.token_spec = own.simulation, own.spec
+        self._batch = _batch(own, num_envs, observation, autoreset=True, num_threads=num_threads)
+        self.metadata = {**self.metadata, "render_fps": _control_rate(own)}
         self.num_envs = num_envs
-        self.token_spec = self.simulation.tokens
         self.single_observation_space, self.single_action_space = spaces(self.token_spec)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -200,24 +217,23 @@ class MorphVectorEnv(gym.vector.VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._batch.close()
 
 
-def _make(
-    robot: str | Path,
-    num_envs: int,
-    observation: Observation,
-    task: str | None,
-    base: Base | None,
-    metadata: dict[str, Any],
-    *,
-    autoreset: bool,
-    num_threads: int | None,
-) -> tuple[Simulation, BatchEnv, dict[str, Any]]:
-    simulation = build(load(robot), base=base)
-    chosen = task_for(simulation, task)
-    batch = BatchEnv(
-        [simulation], [chosen], num_envs, observation=observation, num_threads=num_threads, autoreset=autoreset
+def _batch(
+    robot: Robot, num_envs: int, observation: Observation, *, autoreset: bool, num_threads: int | None
+) -> BatchEnv:
+    return BatchEnv(
+        [robot.simulation],
+        [robot.task],
+        num_envs,
+        specs=[robot.spec],
+        observation=observation,
+        num_threads=num_threads,
+        autoreset=autoreset,
     )
-    period = (chosen.frame_skip or 1) * simulation.model.opt.timestep
-    return simulation, batch, {**metadata, "render_fps": round(1 / period)}
+
+
+def _control_rate(robot: Robot) -> int:
+    """Control steps per second."""
+    return round(1 / ((robot.task.frame_skip or 1) * robot.simulation.model.opt.timestep))
 
 
 def _pictures(simulation: Simulation, batch: BatchEnv) -> np.ndarray:

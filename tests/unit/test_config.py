@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 
 import pytest
 
@@ -40,6 +41,8 @@ def test_round_trip_through_a_dict() -> None:
         ("td3.batch_size=true", "expected int"),
         ("td3.learning_rate=nan", "expected a number"),
         ("text.pooling=max", "expected one of default, mean, cls"),
+        ("trainer.sensors=3", "expected a list of strings"),
+        ("trainer.sensors=[1, 2]", "expected a list of strings"),
         ("tau=0.1", "expected section.name=value"),
         ("td3.tau", "expected section.name=value"),
         ("td3=1", "expected section.name=value"),
@@ -59,3 +62,15 @@ def test_a_preset_file_of_ones_own(tmp_path) -> None:
         load_config(path)
     with pytest.raises(UnknownNameError, match="presets: "):
         load_config("defualt")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("no_ltv", ("no_ltv",)), ("position, angle", ("position", "angle")), ('["angle"]', ("angle",)), ("[]", ())],
+)
+def test_a_list_of_words_and_its_way_through_json(text: str, expected: tuple[str, ...]) -> None:
+    config = load_config(overrides=[f"trainer.sensors={text}"])
+    assert config.trainer.sensors == expected
+    saved = json.loads(json.dumps(config.to_dict()))
+    assert saved == config.to_dict()
+    assert TrainConfig.from_dict(saved, origin="saved") == config

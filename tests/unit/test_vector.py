@@ -11,6 +11,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import morphkit_rl  # noqa: F401  (registers the ids)
+from morphkit.errors import UnknownNameError
 from morphkit.robots import recipes, shipped
 
 EXPECTED_WARNINGS = ("observation space m", "recommend using a symmetric and normalized space")
@@ -111,6 +112,21 @@ def test_observation_modes_of_the_vector_environment() -> None:
     np.testing.assert_allclose(limbs[:, 0], 0, atol=1e-6)
     np.testing.assert_allclose(limbs[:, 1:, 0], 3.0, atol=1e-6)
     np.testing.assert_allclose(limbs[:, 1:, 1:], 0, atol=1e-6)
+
+
+def test_observations_of_some_sensors() -> None:
+    settings = {"sensors": ["position", "translational_velocity"], "limb_names": "joint", "text_style": "raw"}
+    env = gymnasium.make("morphkit/humanoid_2d_7_left_arm-v0", **settings)
+    vector = gymnasium.make_vec("morphkit/humanoid_2d_7_left_arm-v0", num_envs=2, observation="legacy", **settings)
+    assert env.observation_space.shape == vector.single_observation_space.shape == (7 * 6,)
+    assert env.reset(seed=0)[0].shape == (42,)
+    assert vector.reset(seed=0)[0].shape == (2, 42)
+    assert vector.step(vector.action_space.sample())[0].shape == (2, 42)
+    spec = env.unwrapped.token_spec
+    assert spec.sensors[6].text == "right_hip_y_position_x"
+    assert spec == vector.unwrapped.token_spec
+    with pytest.raises(UnknownNameError, match="did you mean 'position'"):
+        gymnasium.make("morphkit/cheetah-v0", sensors=["positions"])
 
 
 def test_state_of_a_single_environment() -> None:
