@@ -66,6 +66,41 @@ def draw(names: Sequence[str], key: str) -> frozenset[str]:
     return frozenset(rng.choice(sorted(names), number, replace=False).tolist())
 
 
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A body of the benchmark.
+
+    Attributes:
+        description: The body.
+        group: Its group; the first where it is in several.
+        limbs: Names of its limbs.
+        splits: `train` or `test`, by the splits that have it.
+    """
+
+    description: Description
+    group: str
+    limbs: tuple[str, ...]
+    splits: dict[str, str]
+
+
+def members(benchmark: Benchmark) -> list[Member]:
+    """Every body of every split, by group and number of limbs."""
+    found: dict[tuple[str, str], Member] = {}
+    loaded: dict[str, list[Description]] = {}
+    for split, groups in benchmark.splits.items():
+        for group, sets in groups.items():
+            for role, targets in (("train", sets.train), ("test", sets.test)):
+                for target in targets:
+                    if target not in loaded:
+                        loaded[target] = load_all(target)
+                    for each in loaded[target]:
+                        limbs = tuple(_limbs([each])) if (each.name, each.sha256) not in found else ()
+                        member = found.setdefault((each.name, each.sha256), Member(each, group, limbs, {}))
+                        member.splits[split] = role
+    order = list(dict.fromkeys(member.group for member in found.values()))
+    return sorted(found.values(), key=lambda each: (order.index(each.group), len(each.limbs), each.description.name))
+
+
 def unseen_limbs(benchmark: Benchmark, split: str) -> dict[str, tuple[str, ...]]:
     """By group, the limbs of held-out robots that no training robot of the group has."""
     unseen = {}

@@ -27,6 +27,11 @@ def published_steps() -> int:
     return int(_published()["steps"])
 
 
+def paper_settings(split: str) -> list[str]:
+    """Settings of the paper presets that the study chose for this split alone, as `section.name=value`."""
+    return [f"{key}={value}" for key, value in _published()["settings"].get(split, {}).items()]
+
+
 @cache
 def _published() -> dict[str, Any]:
     return tomllib.loads((resources.files("morphkit_rl.benchmark") / "published.toml").read_text("utf-8"))

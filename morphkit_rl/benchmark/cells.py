@@ -1,0 +1,207 @@
+"""Cells of a matrix: one method trained on one task of one split from one seed, each in a folder of its own.
+
+`MATRIX/SPLIT/TASK/METHOD/seed-N/` holds `cell.json`, what it is; `run/`, the run folder; `training.json` once training
+is over; `result.json` once it was evaluated; `failure.json` where it failed.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from morphkit.description import Description
+from morphkit.errors import CheckpointError, ConfigError, OutputError
+from morphkit_rl.benchmark.bodies import Bodies
+from morphkit_rl.benchmark.lock import owner
+from morphkit_rl.checkpoint import write_text
+from morphkit_rl.config import TrainConfig
+from morphkit_rl.metrics import read_metrics
+
+FORMAT_VERSION = 1
+CELL, RUN, TRAINING, RESULT, FAILURE = "cell.json", "run", "training.json", "result.json", "failure.json"
+
+_EVERY_CELL = f"*/*/*/seed-*/{CELL}"
+_KINDS = {True: "hold out validation robots, for choosing anything", False: "meet the test set"}
+
+State = Literal["done", "running", "failed", "stopped", "not started"]
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Cell:
+    """A cell's place in the matrix."""
+
+    split: str
+    task: str
+    method: str
+    seed: int
+
+    def folder(self, matrix: Path) -> Path:
+        """Its folder."""
+        return matrix / self.split / self.task / self.method / f"seed-{self.seed}"
+
+    def __str__(self) -> str:
+        return f"split {self.split}, {self.task}, {self.method}, seed {self.seed}"
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """All that determines a cell.
+
+    Attributes:
+        cell: Its place.
+        bodies: Training, validation and held-out robots.
+        config: Settings of training.
+        steps: Budget of counted environment steps; None for none.
+        minutes: Budget of training time; None for none.
+        episodes: Noise-free episodes a robot at the end.
+        validate: Whether validation robots are evaluated and held-out ones left alone.
+    """
+
+    cell: Cell
+    bodies: Bodies
+    config: TrainConfig
+    steps: int | None
+    minutes: float | None
+    episodes: int
+    validate: bool
+
+    def to_json(self) -> dict[str, Any]:
+        """What `cell.json` holds."""
+        return {
+            "format_version": FORMAT_VERSION,
+            **asdict(self.cell),
+            "steps": self.steps,
+            "minutes": self.minutes,
+            "episodes": self.episodes,
+            "validate": self.validate,
+            **{name: _hashes(getattr(self.bodies, name)) for name in ("train", "validation", "test")},
+            "config": self.config.to_dict(),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """What is known of a cell.
+
+    Attributes:
+        cell: Its place.
+        folder: Its folder.
+        plan: `cell.json`.
+        state: `done` is trained and evaluated; `stopped` has begun and nobody works on it.
+        detail: Who runs it, or why it failed or stopped.
+        result: `result.json` of a cell that is done.
+    """
+
+    cell: Cell
+    folder: Path
+    plan: Mapping[str, Any]
+    state: State
+    detail: str
+    result: Mapping[str, Any] | None
+
+    @property
+    def metrics(self) -> list[dict[str, Any]]:
+        """Rows of metrics so far."""
+        return read_metrics(self.folder / RUN)
+
+
+def create(plans: Sequence[Plan], matrix: Path) -> None:
+    """Write the `cell.json` of every new cell, so that what was never started is known too.
+
+    Raises:
+        ConfigError: A cell exists with other settings, or the matrix holds cells of the other kind, with or without
+            validation; nothing is written then.
+        OutputError: A folder cannot be written.
+    """
+    fresh = []
+    for path in matrix.glob(_EVERY_CELL):
+        if read_json(path).get("validate") not in {plan.validate for plan in plans}:
+            raise ConfigError(f"{matrix}: some of its cells {_KINDS[not plans[0].validate]}; choose another --out")
+    for plan in plans:
+        folder = plan.cell.folder(matrix)
+        values = json.loads(json.dumps(plan.to_json()))
+        if not (folder / CELL).is_file():
+            fresh.append((folder, values))
+            continue
+        difference = _difference(read_json(folder / CELL), values)
+        if difference:
+            raise ConfigError(f"{folder}: exists with other settings ({difference}); choose another --out")
+    try:
+        for folder, values in fresh:
+            folder.mkdir(parents=True, exist_ok=True)
+            write_text(folder / CELL, json.dumps(values, indent=1) + "\n")
+    except OSError as error:
+        raise OutputError(f"{error.filename or matrix}: cannot be written: {error.strerror}") from None
+
+
+def read_matrix(matrix: Path) -> list[Status]:
+    """Find the cells of a matrix, in the order of split, task, method and seed.
+
+    Raises:
+        CheckpointError: There is none, or one is damaged.
+    """
+    found = sorted(matrix.glob(_EVERY_CELL))
+    if not found:
+        reason = "holds no cells of a benchmark" if matrix.is_dir() else "no such folder"
+        raise CheckpointError(f"{matrix}: {reason}; morphkit benchmark run --out {matrix} makes some")
+    return sorted((read_cell(path.parent) for path in found), key=lambda status: status.cell)
+
+
+def read_cell(folder: Path) -> Status:
+    """Read what is known of one cell.
+
+    Raises:
+        CheckpointError: One of its files is damaged.
+    """
+    plan = read_json(folder / CELL)
+    try:
+        cell = Cell(plan["split"], plan["task"], plan["method"], plan["seed"])
+    except KeyError as error:
+        raise CheckpointError(f"{folder / CELL}: damaged: it has no {error}") from None
+    held_by, alive = owner(folder)
+    result = read_json(folder / RESULT) if (folder / RESULT).is_file() else None
+    state: State
+    if held_by and alive:
+        state, detail = "running", str(held_by)
+    elif result is not None:
+        state, detail = "done", ""
+    elif (folder / FAILURE).is_file():
+        state, detail = "failed", str(read_json(folder / FAILURE).get("message", ""))
+    elif (folder / RUN).is_dir():
+        state, detail = "stopped", f"{held_by} died" if held_by else ""
+    else:
+        state, detail = "not started", f"{held_by} died" if held_by else ""
+    return Status(cell, folder, plan, state, detail, result)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON object.
+
+    Raises:
+        CheckpointError: It cannot be read.
+    """
+    try:
+        values = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        raise CheckpointError(f"{path}: damaged: {error}") from None
+    if not isinstance(values, dict):
+        raise CheckpointError(f"{path}: damaged: expected an object")
+    return values
+
+
+def _hashes(descriptions: Iterable[Description]) -> dict[str, str]:
+    return {each.name: each.sha256 for each in descriptions}
+
+
+def _difference(old: Any, new: Any, where: str = "") -> str:
+    """The first place where two JSON values differ: `td3.tau is 0.02, not 0.01`; empty where they are equal."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in dict.fromkeys((*old, *new)):
+            found = _difference(old.get(key), new.get(key), f"{where}.{key}".removeprefix(".config").lstrip("."))
+            if found:
+                return found
+        return ""
+    return "" if old == new else f"{where} is {json.dumps(old)} there, not {json.dumps(new)}"

@@ -1,0 +1,71 @@
+"""One process a cell: a lock that the system takes back when its owner dies, and a note of who that is."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+_LOCK, _OWNER = ".lock", "owner.json"
+_PATIENCE_S = 1.0  # another process may hold the lock for a moment, just to see whether it is free
+
+
+@dataclass(frozen=True, slots=True)
+class Owner:
+    """Who works, or worked, in a folder: process, host and since when (seconds since 1970)."""
+
+    pid: int
+    host: str
+    since: float
+
+    def __str__(self) -> str:
+        return f"process {self.pid} on {self.host}"
+
+
+@contextmanager
+def hold(folder: Path) -> Iterator[bool]:
+    """Hold a folder for this process while the block runs.
+
+    Yields:
+        False where another process holds it; the block must then leave the folder alone. A process that was killed
+        holds nothing.
+    """
+    lock = FileLock(folder / _LOCK)
+    try:
+        lock.acquire(timeout=_PATIENCE_S)
+    except Timeout:
+        yield False
+        return
+    try:
+        note = asdict(Owner(os.getpid(), socket.gethostname(), time.time()))
+        (folder / _OWNER).write_text(json.dumps(note) + "\n", "utf-8")
+        yield True
+    finally:
+        (folder / _OWNER).unlink(missing_ok=True)
+        lock.release()
+
+
+def owner(folder: Path) -> tuple[Owner | None, bool]:
+    """Who left a note in a folder, and whether that process still works there.
+
+    Returns:
+        The owner, or None; and False where it died without a word.
+    """
+    try:
+        found = Owner(**json.loads((folder / _OWNER).read_text()))
+    except (OSError, ValueError, TypeError):
+        return None, False
+    lock = FileLock(folder / _LOCK)
+    try:
+        lock.acquire(timeout=0)
+    except (Timeout, OSError):  # held, or in another user's folder, where the note is all there is to go by
+        return found, True
+    lock.release()
+    return found, False

@@ -1,0 +1,57 @@
+"""From the name of a method to the settings that it is trained with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from morphkit.errors import ConfigError, UnknownNameError
+from morphkit.naming import did_you_mean
+from morphkit_rl.benchmark.published import paper_settings
+from morphkit_rl.config import TrainConfig, load_config, presets
+from morphkit_rl.models import METHODS
+
+EVALUATE_STEPS = 50_000
+"""Counted steps between two noise-free evaluations of the training robots."""
+
+_PAPER = "-paper"
+_OWN_PRESETS = {"limb-former": "default"}
+
+
+def preset_of(method: str) -> str:
+    """The preset of a method: `default` for limb-former, `ma-bert-paper` for ma-bert, a preset's own name for itself.
+
+    Raises:
+        UnknownNameError: There is neither such a method nor such a preset.
+    """
+    known = presets()
+    for preset in (_OWN_PRESETS.get(method), method + _PAPER, method):
+        if preset in known:
+            return preset
+    if method in METHODS:
+        raise UnknownNameError(f"method {method!r} has no preset of its own; give one with --preset")
+    names = sorted({*METHODS, *known})
+    raise UnknownNameError(f"no method or preset {method!r}{did_you_mean(method, names)}; there is {', '.join(names)}")
+
+
+def method_config(method: str, split: str, *, preset: str | None = None, overrides: Sequence[str] = ()) -> TrainConfig:
+    """Settings of a method in a split.
+
+    The paper presets take what the study sets a split (exploration noise); every run evaluates without noise every
+    50 000 steps, unless `overrides` say otherwise.
+
+    Args:
+        method: Name of a method or of a preset.
+        split: Name of the split.
+        preset: Name or TOML file of a preset that goes before the method's own.
+        overrides: Settings such as `td3.tau=0.01`.
+
+    Raises:
+        UnknownNameError: There is no such method or preset.
+        ConfigError: A setting makes no sense, or the preset is one of another method.
+    """
+    name = preset or preset_of(method)
+    by_split = paper_settings(split) if name.endswith(_PAPER) else []
+    config = load_config(name, [f"trainer.evaluate_steps={EVALUATE_STEPS}", *by_split, *overrides])
+    if method in METHODS and config.model.method != method:
+        raise ConfigError(f"preset {name} is for method {config.model.method!r}, not for {method!r}")
+    return config
