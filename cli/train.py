@@ -13,7 +13,7 @@ from . import common
 from .table import table
 
 if TYPE_CHECKING:
-    from morphkit_rl.trainer import Progress, TrainSummary
+    from morphkit_rl.progress import Progress, TrainSummary
 
 EXAMPLES = (
     "morphkit train cheetah-family --run runs/first --hold-out cheetah-no-ffoot --minutes 8",
@@ -33,6 +33,14 @@ def train(
     run: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the run: settings, metrics, checkpoints.")] = ...,  # type: ignore[assignment]
     hold_out: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Keep this body out of training. May be given often.")
+    ] = None,
+    validate: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Keep this body out of training too, but evaluate it every trainer.evaluate_steps steps, as the "
+            "training bodies are. May be given often.",
+        ),
     ] = None,
     minutes: Annotated[
         float | None, typer.Option(min=0, metavar="N", help="Stop after so many minutes of training.")
@@ -66,11 +74,12 @@ def train(
     stopped. The policy knows a body by the names of its sensors and actuators only, so that it can
     be tried on bodies that were held out: see morphkit evaluate.
     """
-    robots, hold_out, settings = robots or [], hold_out or [], settings or []
+    robots, hold_out, validate, settings = robots or [], hold_out or [], validate or [], settings or []
     if resume:
         fixed = {
             "ROBOT": robots,
             "--hold-out": hold_out,
+            "--validate": validate,
             "--preset": preset,
             "--set": settings,
             "--seed": seed is not None,
@@ -105,6 +114,7 @@ def train(
                 run,
                 config,
                 hold_out=hold_out,
+                validation=validate,
                 task=task,
                 base=base,
                 seed=seed or 0,
@@ -114,9 +124,12 @@ def train(
                 progress=show,
             )
 
-    title = "resuming" if resume else f"training on {common.count(len(bodies) - len(hold_out), 'body')}"
-    if hold_out:
-        title += f", held out: {', '.join(hold_out)}"
+    title = "resuming"
+    if not resume:
+        title = f"training on {common.count(len(bodies) - len(hold_out) - len(validate), 'body')}"
+    for what, names in (("held out", hold_out), ("validated on", validate)):
+        if names:
+            title += f", {what}: {', '.join(names)}"
     with ProgressDisplay(title, quiet=quiet) as display:
         summary = start(display.update)
     _report(summary, hold_out, as_json=as_json, quiet=quiet)

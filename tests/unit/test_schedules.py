@@ -1,0 +1,173 @@
+"""The order of collecting and learning."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from morphkit.robots import load
+from morphkit_rl.config import TrainConfig, load_config
+from morphkit_rl.runs import RunSettings
+from morphkit_rl.schedules import Rounds, Sweeps
+from morphkit_rl.session import Session
+
+TINY = ("model.d_model=16", "model.layers=1", "model.feedforward=16", "td3.batch_size=4", "trainer.precision=float32")
+
+
+def session(*names: str, overrides: tuple[str, ...] = (), seed: int = 0) -> Session:
+    robots = tuple(load(name) for name in names)
+    config = load_config(overrides=[*TINY, *overrides])
+    return Session(RunSettings(robots, (), (), config, None, None, seed, None, 1000, "cpu", 1))
+
+
+def run_on(one: Session, pieces: int) -> Session:
+    for _ in range(pieces):
+        one.schedule.advance()
+    return one
+
+
+def content(one: Session) -> dict[str, Any]:
+    """Everything that a continuation depends on."""
+    groups = {**one.agent.arrays(), "environments": one.collector.arrays()}
+    arrays = {f"{group}/{key}": np.array(a) for group, part in groups.items() for key, a in part.items()}
+    drawn = [ring.sample(20, 2, 0.9, np.random.default_rng(0)) for ring in one.collector.rings if len(ring)]
+    arrays.update({f"replay/{number}": np.hstack([a.ravel() for a in part]) for number, part in enumerate(drawn)})
+    state = {**one.agent.state(), **one.collector.state(), **one.schedule.state(), "rng": one.rng.bit_generator.state}
+    return {**arrays, "state": json.dumps(state)}
+
+
+def assert_same(one: Session, other: Session) -> None:
+    a, b = content(one), content(other)
+    assert a.keys() == b.keys()
+    for key in a:
+        np.testing.assert_array_equal(a[key], b[key], err_msg=key)
+
+
+def test_first_episodes_of_a_robot_that_never_falls_end_spread_over_the_episode_length() -> None:
+    one = session("arm", overrides=("trainer.start_steps=1000000",))
+    reported = []
+    for sweep in range(1, 2001):
+        one.schedule.advance()
+        reported += [sweep] * (one.collector.episodes - len(reported))
+    assert len(reported) == 8, "each environment ends one whole episode; the shortened first ones are left out"
+    assert np.histogram(reported, bins=8, range=(1000, 2000))[0].tolist() == [1] * 8
+    assert all(1000 <= sweep <= 2000 for sweep in reported)
+    assert session("arm", seed=1).collector.env.state_dict()["length"].tolist() != (
+        session("arm").collector.env.state_dict()["length"].tolist()
+    )
+
+
+ROUNDS = ("trainer.schedule=rounds", "trainer.num_envs=1", "trainer.start_steps=10", "td3.n_step=2")
+
+
+def test_a_round_is_an_episode_of_every_robot_then_as_many_updates_as_counted_steps_from_its_own_replay(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    one = session("hopper", "hopper_3", overrides=ROUNDS)
+    schedule, collector = one.schedule, one.collector
+    assert isinstance(schedule, Rounds)
+    trained_on: list[int] = []
+    update = one.agent.update
+
+    def spy(batch: Any, rng: Any, view: Any) -> Any:
+        trained_on.append(one.agent.each.index(view))
+        assert batch.obs.shape == (4, view.layout.num_tokens)
+        return update(batch, rng, view)
+
+    monkeypatch.setattr(one.agent, "update", spy)
+    for _ in range(2):
+        steps, real_steps, episodes = collector.steps, collector.real_steps, collector.episodes
+        while not schedule.updates_left.any():
+            schedule.advance()
+        counted = schedule.updates_left.copy()
+        sweeps = (collector.real_steps - real_steps) // 2
+        assert collector.steps - steps == counted.sum()
+        assert counted.max() == sweeps, "the round lasts as long as the longest of the episodes"
+        assert collector.episodes - episodes == 2
+        trained_on.clear()
+        while schedule.updates_left.any():
+            schedule.advance()
+        assert trained_on == [0] * counted[0] + [1] * counted[1]
+    assert collector.real_steps == 2 * collector.rings[0].added > collector.steps
+    assert one.agent.learner.updates == collector.steps
+
+
+def test_no_sum_of_rewards_reaches_over_the_end_of_a_round() -> None:
+    one = session("hopper", "hopper_3", overrides=ROUNDS)
+    schedule = one.schedule
+    assert isinstance(schedule, Rounds)
+    while not schedule.updates_left.any():
+        schedule.advance()
+    for ring in one.collector.rings:
+        assert ring.ended[ring.added - 1]
+        assert ring.finals.numbers[-1] == ring.added - 1
+
+
+def test_a_round_with_several_environments_waits_for_all_of_them() -> None:
+    one = session("hopper", overrides=(*ROUNDS, "trainer.num_envs=3"))
+    schedule = one.schedule
+    assert isinstance(schedule, Rounds)
+    while not schedule.updates_left.any():
+        schedule.advance()
+    assert one.collector.episodes == 3
+    assert one.collector.rings[0].added <= schedule.updates_left[0] <= one.collector.real_steps
+
+
+@pytest.mark.parametrize("pieces", [7, 80])
+def test_a_round_goes_on_exactly_from_a_checkpoint_in_its_middle(tmp_path: Path, pieces: int) -> None:
+    for folder in ("checkpoints", "replay"):
+        (tmp_path / folder).mkdir()
+    whole = run_on(session("hopper", "hopper_3", overrides=ROUNDS), pieces)
+    whole.save(tmp_path, 12.5)
+    resumed = session("hopper", "hopper_3", overrides=ROUNDS)
+    assert resumed.restore(tmp_path) == 12.5
+    assert_same(whole, resumed)
+    assert_same(run_on(whole, 50), run_on(resumed, 50))
+
+
+def test_random_steps_are_counted_over_all_robots_or_a_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+    for overrides, expected in (
+        (("trainer.start_steps=40",), 40),
+        (("trainer.start_steps=0", "trainer.start_steps_per_robot=30"), 60),
+        (("trainer.start_steps=80", "trainer.start_steps_per_robot=30"), 80),
+    ):
+        one = session("hopper", "arm", overrides=("trainer.num_envs=2", "trainer.updates_per_sweep=1", *overrides))
+        acted: list[int] = []
+        act = one.agent.act
+        monkeypatch.setattr(one.agent, "act", lambda obs, one=one, acted=acted, act=act: (
+            acted.append(one.collector.steps), act(obs))[1])  # fmt: skip
+        run_on(one, 25)
+        assert acted[0] == expected
+
+
+def test_without_normalisation_networks_see_the_observations_as_they_are() -> None:
+    one = session("hopper", overrides=("trainer.normalize=false", "trainer.num_envs=2", "trainer.start_steps=8"))
+    run_on(one, 6)
+    assert one.agent.normalizer.count.sum() == 0
+    seen: list[Any] = []
+    actor = one.agent.learner.actor
+    handle = actor.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0].numpy()))
+    wild = np.full_like(one.collector.obs, 50.0)
+    one.agent.act(wild)
+    handle.remove()
+    np.testing.assert_array_equal(seen[0], wild)
+
+
+def test_the_schedule_of_a_checkpoint_must_be_that_of_the_run(tmp_path: Path) -> None:
+    from morphkit.errors import CheckpointError
+
+    for folder in ("checkpoints", "replay"):
+        (tmp_path / folder).mkdir()
+    run_on(session("hopper", overrides=("trainer.num_envs=1",)), 3).save(tmp_path, 1.0)
+    with pytest.raises(CheckpointError, match="of schedule 'sweeps', but the run says 'rounds'"):
+        session("hopper", overrides=ROUNDS).restore(tmp_path)
+
+
+def test_sweeps_is_the_default() -> None:
+    assert isinstance(session("arm").schedule, Sweeps)
+    assert replace(TrainConfig().trainer, schedule="rounds") != TrainConfig().trainer
