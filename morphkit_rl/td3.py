@@ -86,14 +86,14 @@ class TD3:
         q = self.critic(obs, action, layout)
         critic_loss = ((q - target).square().mean(1) * share).sum()
         self._step(critic_loss, self.critic_optimizer, self.critic)
-        self.updates += 1
         losses = {
             "critic_loss": critic_loss.detach(),
             "q_mean": (q.detach().mean((0, 1)) * share).sum() / self.config.reward_scale,
         }
-        if self.updates % self.config.policy_delay == 0:
+        first = 0 if self.config.actor_first else self.config.policy_delay - 1
+        if self.updates % self.config.policy_delay == first:
             self.critic.requires_grad_(False)
-            q = self.critic(obs, self.actor(obs, layout), layout)[0]
+            q = self.critic(obs, self.actor(obs, layout), layout, members=1)[0]
             self.critic.requires_grad_(True)
             actor_loss = -(q.mean(0) * share).sum()
             self._step(actor_loss, self.actor_optimizer, self.actor)
@@ -101,6 +101,7 @@ class TD3:
             for target_net, net in ((self.actor_target, self.actor), (self.critic_target, self.critic)):
                 with torch.no_grad():
                     torch._foreach_lerp_(list(target_net.parameters()), list(net.parameters()), self.config.tau)
+        self.updates += 1
         return losses
 
     @torch.no_grad()

@@ -1,16 +1,18 @@
 """Policies and critics over many morphologies, by name of the method.
 
 A method is a module with two functions: `build(config, embedding_size, vocabulary) -> (actor, critic)` and
-`check(spec, config)`, which raises ConfigError where the method cannot express a robot.
+`check(spec, config, vocabulary=None)`, which raises ConfigError where the method cannot express a robot.
 
 - `actor(obs, layout, names=None)`: (batch, tokens) -> (batch, actions) in [-1, 1]. `actor.read_names(layout)` does what
   depends on the names alone, for callers whose weights stay.
-- `critic(obs, action, layout)`: -> (2, batch, values); `critic.value_robot(layout)` says which robot each value is of.
+- `critic(obs, action, layout, members=2)`: -> (members, batch, values), of the first `members` of the twin critics;
+  `critic.value_robot(layout)` says which robot each value is of.
 - A submodule's attribute `precision` is what its matrix products compute in.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -40,9 +42,9 @@ class Method:
     actions: Actions
     module: str
 
-    def check(self, spec: TokenSpec, config: ModelConfig) -> None:
-        """Raise ConfigError where the method cannot express a robot."""
-        self._module().check(spec, config)
+    def check(self, spec: TokenSpec, config: ModelConfig, vocabulary: Vocabulary | None = None) -> None:
+        """Raise ConfigError where the method, or networks made for `vocabulary`, cannot express a robot."""
+        self._module().check(spec, config, vocabulary)
 
     def build(self, config: ModelConfig, embedding_size: int, vocabulary: Vocabulary) -> tuple[Any, Any]:
         """Make actor and twin critics."""
@@ -57,6 +59,10 @@ METHODS: dict[str, Method] = {
     method.name: method
     for method in (
         Method("limb-former", "transformer over limbs whose weights follow from names", "actuators", "limb_former"),
+        Method("ma-bert", "transformer over scalars named by BERT embeddings of their texts", "limbs", "token_former"),
+        Method("anymorph", "transformer over scalars with learned embeddings of their names", "limbs", "token_former"),
+        Method("amorpheus", "transformer over limbs that knows neither names nor kinship", "limbs", "amorpheus"),
+        Method("smp", "one module for all limbs, with messages along the tree", "limbs", "smp"),
     )
 }
 
@@ -86,3 +92,16 @@ def build(config: ModelConfig, embedding_size: int, vocabulary: Vocabulary | Non
     from morphkit_rl.models.vocabulary import Vocabulary
 
     return find(config.method).build(config, embedding_size, vocabulary or Vocabulary())
+
+
+def load_published(
+    method: str,
+    tensors: Mapping[str, Any],
+    limbs: Sequence[str],
+    parents: Sequence[int],
+    num_heads: int = 2,
+) -> tuple[Any, Any]:
+    """Actor and twin critics from weights of the published programs; see `morphkit_rl.models.published`."""
+    from morphkit_rl.models import published
+
+    return published.load_published(method, tensors, limbs, parents, num_heads)

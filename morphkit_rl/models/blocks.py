@@ -10,7 +10,10 @@ from torch import Tensor, nn
 
 
 class MemberLinear(nn.Module):
-    """One affine map a member: (members, rows, inputs) -> (members, rows, outputs); initialised as `nn.Linear`."""
+    """One affine map a member: (members, rows, inputs) -> (members, rows, outputs).
+
+    Weights start like those of `nn.Linear`, biases at zero. Fewer members in than there are: the first ones map them.
+    """
 
     def __init__(self, members: int, inputs: int, outputs: int, *, bias: bool = True, gain: float = 1.0):
         super().__init__()
@@ -20,8 +23,24 @@ class MemberLinear(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Map each member's rows, in the precision of `x`."""
-        weight = self.weight.to(x.dtype)
-        return torch.bmm(x, weight) if self.bias is None else torch.baddbmm(self.bias.to(x.dtype), x, weight)
+        weight = first(self.weight, len(x)).to(x.dtype)
+        if self.bias is None:
+            return torch.bmm(x, weight)
+        return torch.baddbmm(first(self.bias, len(x)).to(x.dtype), x, weight)
+
+    def draw(self, weight: float | None = None, bias: float | None = None) -> MemberLinear:
+        """Redraw weights from [-weight, weight], biases from [-bias, bias]; None: 1 / sqrt(inputs), as `nn.Linear`."""
+        default = 1 / math.sqrt(self.weight.shape[1])
+        for parameter, bound in ((self.weight, weight), (self.bias, bias)):
+            if parameter is not None:
+                bound = default if bound is None else bound
+                nn.init.uniform_(parameter, -bound, bound)
+        return self
+
+
+def first(parameter: Tensor, members: int) -> Tensor:
+    """Parameter of the first `members` members."""
+    return parameter if len(parameter) == members else parameter[:members]
 
 
 class TransformerLayer(nn.Module):

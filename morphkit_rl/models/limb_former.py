@@ -65,11 +65,11 @@ class LimbEncoder(nn.Module):
         self.relation_bias = nn.Parameter(torch.zeros(members, heads, FOREIGN))
         self.layers = nn.ModuleList(TransformerLayer(members, d_model, heads, feedforward) for _ in range(layers))
 
-    def read_names(self, slots: Slots, layout: Layout) -> Names:
-        """Do what depends on the layout's names only."""
-        members, _, d_model = self.value.weight.shape
+    def read_names(self, slots: Slots, layout: Layout, members: int | None = None) -> Names:
+        """Do what depends on the layout's names only, for the first `members` networks; default: all."""
+        d_model, members = self.value.weight.shape[-1], members or len(self.value.weight)
         values = self.value(layout.embeddings.expand(members, -1, -1))[:, slots.text] * slots.mask
-        bias = F.pad(self.relation_bias, (0, 1), value=float("-inf"))
+        bias = F.pad(self.relation_bias[:members], (0, 1), value=float("-inf"))
         return Names(
             weights=values.permute(1, 2, 0, 3).reshape(*slots.column.shape, members * d_model),
             tokens=self.name(layout.limb_embeddings.expand(members, -1, -1)),
@@ -139,17 +139,17 @@ class TwinCritic(nn.Module):
         """(robots,) robot of each value: one value a robot."""
         return torch.arange(layout.num_robots, device=layout.relation.device)
 
-    def forward(self, obs: Tensor, action: Tensor, layout: Layout) -> Tensor:
-        """Value actions in [-1, 1] at normalised observation rows."""
+    def forward(self, obs: Tensor, action: Tensor, layout: Layout, members: int = 2) -> Tensor:
+        """Value actions in [-1, 1] at normalised observation rows, by the first `members` critics."""
         slots = layout.observation_and_action
-        limbs = self.encoder(torch.cat([obs, action], -1), slots, self.encoder.read_names(slots, layout))
+        limbs = self.encoder(torch.cat([obs, action], -1), slots, self.encoder.read_names(slots, layout, members))
         pooled = torch.matmul(layout.robot_limbs, limbs)
         members, batch, robots, width = pooled.shape
         hidden = F.relu(self.hidden(pooled.reshape(members, -1, width)))
         return self.head(hidden).view(members, batch, robots)
 
 
-def check(spec: TokenSpec, config: ModelConfig) -> None:
+def check(spec: TokenSpec, config: ModelConfig, vocabulary: Vocabulary | None = None) -> None:
     """Limb-Former expresses every robot."""
 
 

@@ -1,0 +1,189 @@
+"""Post-norm transformer layers (Vaswani et al. 2017), as PyTorch's `nn.Transformer` computes them, over many robots.
+
+Tokens of all robots form one sequence without padding; robots are kept apart by attending within slices of it. Row-wise
+parts run on the whole sequence at once. All shapes are (members, batch, tokens, d_model).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from morphkit_rl.models.blocks import MemberLinear, first
+
+Spans = Sequence[slice]
+
+
+class Norm(nn.Module):
+    """Layer norm with a scale and shift a member."""
+
+    def __init__(self, members: int, width: int):
+        super().__init__()
+        self.weight = nn.Parameter(torch.ones(members, width))
+        self.bias = nn.Parameter(torch.zeros(members, width))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Normalise the last axis; scale and shift stay float32 whatever `x` is."""
+        width = x.shape[-1:]
+        if len(x) == 1 and x.device.type == "cpu":
+            return F.layer_norm(x, width, self.weight[0], self.bias[0])
+        shape = (len(x), *[1] * (x.dim() - 2), *width)
+        weight, bias = (first(p, len(x)).view(shape) for p in (self.weight, self.bias))
+        return torch.addcmul(bias, F.layer_norm(x, width), weight).to(x.dtype)
+
+
+class FeedForward(nn.Module):
+    """Two affine maps with a relu between them."""
+
+    def __init__(self, members: int, d_model: int, feedforward: int):
+        super().__init__()
+        self.expand = MemberLinear(members, d_model, feedforward).draw()
+        self.contract = MemberLinear(members, feedforward, d_model).draw()
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Map every token by itself."""
+        rows = x.reshape(len(x), -1, x.shape[-1])
+        return self.contract(F.relu(self.expand(rows))).view(x.shape)
+
+
+class SelfAttention(nn.Module):
+    """Multi-head attention among the tokens of each robot: softmax(q k^T / sqrt(d_head)) v, written out.
+
+    Fused kernels lose to matrix products on sequences as short as these.
+    """
+
+    def __init__(self, members: int, d_model: int, heads: int):
+        super().__init__()
+        self.heads = heads
+        self.qkv = MemberLinear(members, d_model, 3 * d_model).draw(math.sqrt(1.5 / d_model), 0)
+        self.out = MemberLinear(members, d_model, d_model).draw(None, 0)
+
+    def forward(self, x: Tensor, spans: Spans) -> Tensor:
+        """Mix the tokens within each of `spans`."""
+        members, batch, tokens, width = x.shape
+        rows = (members, batch * tokens, width)
+        qkv = self.qkv(x.reshape(rows)).view(members, batch, tokens, 3, self.heads, width // self.heads)
+        q, k, v = qkv.permute(3, 0, 1, 4, 2, 5)
+        q = q * (width // self.heads) ** -0.5
+        parts = [
+            torch.matmul(torch.softmax(torch.matmul(q[..., s, :], k[..., s, :].transpose(-1, -2)), -1), v[..., s, :])
+            for s in spans
+        ]
+        mixed = parts[0] if len(parts) == 1 else torch.cat(parts, -2)
+        return self.out(mixed.transpose(2, 3).reshape(rows)).view(x.shape)
+
+
+class CrossAttention(nn.Module):
+    """Few queries attend to many memory tokens, whose keys and values are never formed.
+
+    Queries are carried to the memory's space instead: q . (W_k m) = (W_k^T q) . m, and sum_j p_j (W_v m_j) =
+    W_v sum_j p_j m_j. A bias of the keys would add the same to all logits of a query, which softmax ignores.
+    """
+
+    def __init__(self, d_model: int, heads: int):
+        super().__init__()
+        self.heads = heads
+        bound = math.sqrt(1.5 / d_model)
+        self.query = MemberLinear(1, d_model, d_model).draw(bound, 0)
+        self.key = MemberLinear(1, d_model, d_model, bias=False).draw(bound)
+        self.value = MemberLinear(1, d_model, d_model).draw(bound, 0)
+        self.out = MemberLinear(1, d_model, d_model).draw(None, 0)
+
+    def forward(self, x: Tensor, memory: Tensor, spans: Spans, memory_spans: Spans) -> Tensor:
+        """Read memory (1, batch, tokens, d_model) into queries (1, batch or 1, queries, d_model), robot by robot."""
+        _, own, queries, width = x.shape
+        memory = memory[0]
+        heads, size, batch = self.heads, width // self.heads, len(memory)
+        key, value = (
+            w.weight[0].to(x.dtype).view(width, heads, size).transpose(0, 1) for w in (self.key, self.value)
+        )  # (heads, d_model, size)
+        q = self.query(x.reshape(1, -1, width)).view(-1, heads, size).transpose(0, 1) * size**-0.5
+        probes = torch.bmm(q, key.transpose(1, 2)).view(heads, own, queries, width).transpose(0, 1)
+        parts = []
+        for span, memory_span in zip(spans, memory_spans, strict=True):
+            tokens = memory[:, memory_span]
+            probe = probes[:, :, span].expand(batch, -1, -1, -1).reshape(batch, -1, width)
+            weights = torch.softmax(torch.bmm(probe, tokens.transpose(1, 2)), -1)
+            parts.append(torch.bmm(weights, tokens).view(batch, heads, -1, width))
+        read = torch.cat(parts, 2).transpose(0, 1).reshape(heads, batch * queries, width)
+        assert self.value.bias is not None
+        mixed = torch.bmm(read, value).transpose(0, 1).reshape(1, -1, width) + self.value.bias.to(x.dtype)
+        return self.out(mixed).view(1, batch, queries, width)
+
+
+class EncoderLayer(nn.Module):
+    """x = norm(x + attention(x)); x = norm(x + feedforward(x))."""
+
+    def __init__(self, members: int, d_model: int, heads: int, feedforward: int):
+        super().__init__()
+        self.attention = SelfAttention(members, d_model, heads)
+        self.norm1, self.norm2 = Norm(members, d_model), Norm(members, d_model)
+        self.feedforward = FeedForward(members, d_model, feedforward)
+
+    def forward(self, x: Tensor, spans: Spans) -> Tensor:
+        """Mix and map the tokens of each robot."""
+        x = self.norm1(x + self.attention(x, spans))
+        return self.norm2(x + self.feedforward(x))
+
+
+class Encoder(nn.Module):
+    """Encoder layers and a final norm."""
+
+    def __init__(self, members: int, d_model: int, layers: int, heads: int, feedforward: int):
+        super().__init__()
+        self.layers = nn.ModuleList(EncoderLayer(members, d_model, heads, feedforward) for _ in range(layers))
+        self.norm = Norm(members, d_model)
+
+    def forward(self, x: Tensor, spans: Spans) -> Tensor:
+        """Encode tokens, in the precision of `x`."""
+        for layer in self.layers:
+            x = layer(x, spans)
+        return self.norm(x)
+
+
+class DecoderLayer(nn.Module):
+    """x = norm(x + attention(x)); x = norm(x + cross(x, memory)); x = norm(x + feedforward(x))."""
+
+    def __init__(self, d_model: int, heads: int, feedforward: int):
+        super().__init__()
+        self.attention = SelfAttention(1, d_model, heads)
+        self.cross = CrossAttention(d_model, heads)
+        self.norm1, self.norm2, self.norm3 = Norm(1, d_model), Norm(1, d_model), Norm(1, d_model)
+        self.feedforward = FeedForward(1, d_model, feedforward)
+
+    def mix(self, x: Tensor, spans: Spans) -> Tensor:
+        """First of the three parts, which does not need the memory."""
+        return self.norm1(x + self.attention(x, spans))
+
+    def forward(self, x: Tensor, memory: Tensor, spans: Spans, memory_spans: Spans) -> Tensor:
+        """The other two parts, on what `mix` gave."""
+        x = self.norm2(x + self.cross(x, memory, spans, memory_spans))
+        return self.norm3(x + self.feedforward(x))
+
+
+class Decoder(nn.Module):
+    """Decoder layers without causal mask, and a final norm."""
+
+    def __init__(self, d_model: int, layers: int, heads: int, feedforward: int):
+        super().__init__()
+        self.layers = nn.ModuleList(DecoderLayer(d_model, heads, feedforward) for _ in range(layers))
+        self.norm = Norm(1, d_model)
+
+    def mix(self, queries: Tensor, spans: Spans) -> Tensor:
+        """What the first layer does before it looks at the memory: the same for a whole batch of equal queries."""
+        layer: DecoderLayer = self.layers[0]  # type: ignore[assignment]
+        return layer.mix(queries, spans)
+
+    def forward(self, mixed: Tensor, memory: Tensor, spans: Spans, memory_spans: Spans) -> Tensor:
+        """Decode `mixed`, from `mix`, (1, 1, queries, d_model) into (1, batch, queries, d_model)."""
+        x = mixed
+        for number, layer in enumerate(self.layers):
+            assert isinstance(layer, DecoderLayer)
+            if number:
+                x = layer.mix(x, spans)
+            x = layer(x, memory, spans, memory_spans)
+        return self.norm(x)
