@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
+import json
 import re
 import sys
-from collections.abc import Sequence
-from itertools import islice
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from . import ablate_report as report
 from . import common
-from .table import table, terminal_width
 
 if TYPE_CHECKING:
-    from morphkit.ablation import Variant
+    from morphkit.ablation import Cutter, Variant
+    from morphkit.batch import Made
     from morphkit.description import Description
+    from morphkit.family import Planned
+
+NOT_COMPILED = "the variants were not compiled, because MuJoCo cannot compile the robot itself"
 
 EXAMPLES = (
     "morphkit ablate cheetah --remove foot",
     "morphkit ablate hopper --splice lower_leg --name short_hopper",
-    "morphkit ablate my_robot.urdf --all --min-limbs 3 --output family",
+    "morphkit ablate quadruped --remove FL_calf --mirror --dry-run",
+    "morphkit ablate my_robot.urdf --all --skip-mirrored --limit 100 --jobs 2",
 )
 
 
@@ -40,6 +46,13 @@ def ablate(
         list[str] | None,
         typer.Option("--splice", metavar="LIMB", help="Take a limb out and move its children up to its parent."),
     ] = None,
+    keep: Annotated[
+        list[str] | None,
+        typer.Option("--keep", metavar="LIMB", help="Keep only such limbs and what connects them to the root."),
+    ] = None,
+    mirror: Annotated[
+        bool, typer.Option("--mirror", help="Do the same to the counterparts on the other side, left or right.")
+    ] = False,
     every: Annotated[bool, typer.Option("--all", help="Make every body that is left when limbs are removed.")] = False,
     min_limbs: Annotated[
         int, typer.Option(min=1, metavar="N", help="With --all: fewest limbs of a variant, root included.")
@@ -50,6 +63,23 @@ def ablate(
     limit: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="With --all: make the first N variants only.")
     ] = None,
+    skip_mirrored: Annotated[
+        bool, typer.Option("--skip-mirrored", help="With --all: leave out mirror images of earlier variants.")
+    ] = False,
+    keep_assets: Annotated[
+        bool,
+        typer.Option(
+            "--keep-assets/--drop-assets", help="Whether meshes and materials stay that only removed limbs used."
+        ),
+    ] = True,
+    assets: Annotated[
+        Literal["copy", "reference"],
+        typer.Option(help="Copy meshes and textures, so that the folder can be moved, or refer to them."),
+    ] = "copy",
+    compiled: Annotated[
+        bool, typer.Option("--compile/--no-compile", help="Whether MuJoCo has to compile a variant.")
+    ] = True,
+    jobs: Annotated[int, typer.Option(min=1, metavar="N", help="Worker processes that make variants.")] = 1,
     name: Annotated[str | None, typer.Option(help="Name of the variant.", show_default="ROBOT-no-LIMB...")] = None,
     output: Annotated[
         Path | None,
@@ -66,6 +96,9 @@ def ablate(
         str | None, typer.Option(metavar="NAME", help="The top-level body to take, where the file has several.")
     ] = None,
     package: common.PackageOption = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Show what would go and what else would be lost; write nothing.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the manifest as JSON.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")] = False,
 ) -> None:
@@ -74,99 +107,103 @@ def ablate(
     A URDF stays a URDF and an MJCF an MJCF: comments, defaults, units and what morphkit does not
     know survive. What refers to a removed limb, such as its motors, goes too and is listed.
     """
-    remove, splice = remove or [], splice or []
-    _check_usage(remove, splice, every=every, name=name)
+    wish = {"remove": remove or [], "splice": splice or [], "keep": keep or []}
+    _check_usage(wish, mirror=mirror, every=every, skip_mirrored=skip_mirrored, name=name)
 
-    from morphkit.ablation import ablate as cut
-    from morphkit.family import sub_morphologies
+    from morphkit.ablation import Cutter
     from morphkit.io.packages import parse_packages
-    from morphkit.manifest import write_family
     from morphkit.robots import load
+    from morphkit.writing import write_family
 
-    description = load(robot, root=root, packages=parse_packages(package or []))
+    cutter = Cutter(load(robot, root=root, packages=parse_packages(package or [])))
+    source, notes = cutter.description, list[str]()
+    check, drop = compiled and not dry_run, not keep_assets
     if every:
-        found = sub_morphologies(description, min_limbs=min_limbs, max_limbs=max_limbs, limit=limit)
-        variants = list(islice(found, limit))
-        folder = output or Path(f"{description.name}-family")
-        if not variants:
-            _no_variant(description, min_limbs, max_limbs)
+        planned = _plan(cutter, min_limbs, max_limbs, limit, skip_mirrored)
+        found = _family(cutter, planned, jobs, check, drop, notes)
+        title, folder = "", output or Path(f"{source.name}-family")
     else:
-        variants = [cut(description, remove=remove, splice=splice, name=name)]
-        folder = output or Path(variants[0].description.name)
+        variant = cutter.ablate(**wish, mirror=mirror, drop_assets=drop, name=name)
+        found = _one(source, variant, check, notes)
+        title, folder = report.matches(cutter, wish, mirror=mirror), output or Path(variant.description.name)
+    tally = report.Tally(every=every, title=title)
+    if dry_run:
+        _show_plan(cutter, [*map(tally.enter, found)], tally, as_json=as_json, quiet=quiet)
+        return
 
-    manifest = write_family(description, variants, folder, force=force)
+    made = report.with_progress(map(tally.enter, found), limit=limit, quiet=quiet or not every)
+    manifest = write_family(source, made, folder, force=force, assets=assets, notes=notes)
     if as_json:
-        import json
-
         common.print_json({"folder": str(folder), **json.loads(manifest.read_text(encoding="utf-8"))})
     elif not quiet:
-        shown = _family(variants) if every else _matches(description, remove, splice) + _variant(variants[0])
-        sys.stdout.write(
-            f"{shown}\nwritten: {folder}/ ({common.count(len(variants), 'variant')} and {manifest.name})\n"
-        )
+        written = f"{common.count(tally.made, 'variant')} and {manifest.name}"
+        sys.stdout.write(f"{tally.text()}\nwritten: {folder}/ ({written})\n")
+    for note in notes if not quiet else ():
+        typer.echo(f"note: {note}", err=True)
+    for each in tally.failed:
+        typer.echo(f"failed: {each.name}: {each.reason}", err=True)
+    if tally.failed:
+        raise typer.Exit(1)
 
 
-def _check_usage(remove: Sequence[str], splice: Sequence[str], *, every: bool, name: str | None) -> None:
-    if every and (remove or splice or name):
-        raise common.UsageError("--all makes every variant; leave out --remove, --splice and --name.")
+def _check_usage(
+    wish: Mapping[str, Sequence[str]], *, mirror: bool, every: bool, skip_mirrored: bool, name: str | None
+) -> None:
+    asked = any(wish.values())
+    if every and (asked or mirror or name):
+        raise common.UsageError("--all makes every variant; leave out --remove, --splice, --keep, --mirror and --name.")
     if name is not None and not re.fullmatch(r"\w[\w.-]*", name):
         raise common.UsageError(f"--name '{name}': a name has letters, digits, '_', '-' and '.' only.")
-    if not every and not (remove or splice):
-        raise common.UsageError("say what to cut: --remove LIMB, --splice LIMB, or --all for every variant.")
-
-
-def _no_variant(description: Description, min_limbs: int, max_limbs: int | None) -> None:
-    from morphkit.errors import AblationError
-    from morphkit.io import read
-
-    limbs = len(read(description).limbs)
-    wanted = f"{min_limbs} or more" if max_limbs is None else f"{min_limbs} to {max_limbs}"
-    raise AblationError(
-        f"{description.name} has {common.count(limbs, 'limb')}, and no variant of it has {wanted}; "
-        "change --min-limbs or --max-limbs."
-    )
-
-
-def _matches(description: Description, remove: Sequence[str], splice: Sequence[str]) -> str:
-    from morphkit.io import read
-    from morphkit.naming import match_limbs
-
-    morphology = read(description)
-    patterns = [*(("remove", pattern) for pattern in remove), *(("splice", pattern) for pattern in splice)]
-    return "".join(
-        f"{verb} '{pattern}' matched: {', '.join(match_limbs(morphology, pattern))}\n" for verb, pattern in patterns
-    )
-
-
-def _variant(variant: Variant) -> str:
-    lines = [
-        f"{word + ':':<10}{', '.join(limbs)}\n"
-        for word, limbs in (("removed", variant.removed), ("spliced", variant.spliced), ("left", variant.limbs))
-        if limbs
-    ]
-    if variant.lost:
-        lines.append(f"\n{common.count(len(variant.lost), 'other element')} lost:\n")
-        rows = [(loss.kind, loss.name or "-", loss.limb or "-", loss.reason) for loss in variant.lost]
-        lines.append(table(("kind", "name", "limb", "reason"), rows, fold=True, width=terminal_width()))
-    return "".join(lines)
-
-
-def _family(variants: Sequence[Variant]) -> str:
-    rows = [
-        (
-            variant.description.name,
-            str(len(variant.limbs)),
-            ", ".join((*variant.removed, *variant.spliced)),
-            str(len(variant.lost)),
-            ", ".join(variant.limbs),
+    if not every and not asked:
+        raise common.UsageError(
+            "say what to cut: --remove LIMB, --splice LIMB, --keep LIMB, or --all for every variant."
         )
-        for variant in variants
-    ]
-    return table(
-        ("variant", "limbs", "gone", "also lost", "left"),
-        rows,
-        right=("limbs", "also lost"),
-        dispensable=("also lost", "gone"),
-        fold=True,
-        width=terminal_width(),
-    )
+    if skip_mirrored and not every:
+        raise common.UsageError("--skip-mirrored goes with --all; one variant has no other to be the image of.")
+
+
+def _plan(
+    cutter: Cutter, min_limbs: int, max_limbs: int | None, limit: int | None, skip_mirrored: bool
+) -> Iterator[Planned]:
+    """The variants of a family; an error where there are none."""
+    from morphkit.errors import AblationError
+    from morphkit.family import plan_family
+
+    planned = plan_family(cutter, min_limbs=min_limbs, max_limbs=max_limbs, limit=limit, skip_mirrored=skip_mirrored)
+    first = next(planned, None)
+    if first is None:
+        wanted = f"{min_limbs} or more" if max_limbs is None else f"{min_limbs} to {max_limbs}"
+        raise AblationError(
+            f"{cutter.description.name} has {common.count(len(cutter.morphology.limbs), 'limb')}, and no variant of"
+            f" it has {wanted}; change --min-limbs or --max-limbs."
+        )
+    return chain([first], planned)
+
+
+def _family(
+    cutter: Cutter, planned: Iterator[Planned], jobs: int, check: bool, drop: bool, notes: list[str]
+) -> Iterator[Made]:
+    from morphkit import batch
+
+    if check and (problem := batch.compile_problem(cutter.description)):
+        notes.append(f"{NOT_COMPILED}: {problem}")
+        check = False
+    return batch.make(cutter, planned, jobs=jobs, compiled=check, drop_assets=drop)
+
+
+def _one(source: Description, variant: Variant, check: bool, notes: list[str]) -> Iterator[Made]:
+    from morphkit import batch
+
+    result = batch.check(variant) if check else variant
+    if isinstance(result, batch.FailedVariant) and (problem := batch.compile_problem(source)):
+        notes.append(f"{NOT_COMPILED}: {problem}")
+        result = variant
+    yield result
+
+
+def _show_plan(cutter: Cutter, variants: list[Made], tally: report.Tally, *, as_json: bool, quiet: bool) -> None:
+    if as_json:
+        common.print_json({"dry_run": True, "variants": [report.as_json(each) for each in variants]})
+    elif not quiet:
+        tree = "" if tally.every else report.tree(cutter.morphology, variants[0]) + "\n"
+        sys.stdout.write(f"{tree}{tally.text()}\nnothing written: dry run\n")

@@ -21,11 +21,12 @@ if TYPE_CHECKING:
     from morphkit.errors import MorphkitError
     from morphkit.family import sub_morphologies
     from morphkit.io import read
-    from morphkit.manifest import read_manifest, write_family
+    from morphkit.manifest import read_manifest
     from morphkit.morphology import Actuator, Joint, Limb, Morphology, Sensor
     from morphkit.robots import load, load_all, recipes, shipped
     from morphkit.tokens import ActuatorToken, SensorToken, TokenSpec
     from morphkit.tokens import tokens as token_spec
+    from morphkit.writing import write_family
 
 _MODULES = {
     "morphkit.ablation": ("Loss", "Variant", "ablate"),
@@ -33,9 +34,10 @@ _MODULES = {
     "morphkit.errors": ("MorphkitError",),
     "morphkit.family": ("sub_morphologies",),
     "morphkit.io": ("read",),
-    "morphkit.manifest": ("read_manifest", "write_family"),
+    "morphkit.manifest": ("read_manifest",),
     "morphkit.morphology": ("Actuator", "Joint", "Limb", "Morphology", "Sensor"),
     "morphkit.robots": ("load", "load_all", "recipes", "shipped"),
+    "morphkit.writing": ("write_family",),
     "morphkit.tokens": ("ActuatorToken", "SensorToken", "TokenSpec"),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}

@@ -19,7 +19,7 @@ from morphkit.cutting.plan import Plan, make_plan
 from morphkit.cutting.rest import Positions, mjcf_positions, urdf_positions
 from morphkit.cutting.source import Source
 from morphkit.cutting.unused import Uses
-from morphkit.description import Description
+from morphkit.description import Description, RobotInfo
 from morphkit.errors import AblationError
 from morphkit.io import read
 from morphkit.mirror import counterparts, with_counterparts
@@ -209,23 +209,27 @@ class Cutter:
         gone = plan.gone
         reported = [label for body, label in gone.items() if body == label]
         spliced = tuple(label for label in reported if label in plan.splice)
-        info = replace(
-            description.info,
-            canonical=self._canonical,
-            expert_return=None if gone else description.info.expert_return,
-        )
         return Variant(
             description=replace(
                 description,
                 name=name,
                 file=_file_name(name, PurePath(description.file).suffix),
                 source=source.render(),
-                info=info,
+                info=self._info(bool(gone)),
             ),
             removed=tuple(label for label in reported if label not in spliced),
             spliced=spliced,
             limbs=tuple(limb.name for limb in morphology.limbs if limb.name not in gone),
             lost=tuple(lost),
+        )
+
+    def adopt(self, variant: Variant) -> Variant:
+        """Give a variant that a `Cutter` of the same robot made in another process what it shares with the source."""
+        made = variant.description
+        info = self._info(bool(variant.removed or variant.spliced))
+        return replace(
+            variant,
+            description=replace(self.description, name=made.name, file=made.file, source=made.source, info=info),
         )
 
     def counterparts(self, *, strict: bool = False) -> dict[str, str]:
@@ -249,6 +253,10 @@ class Cutter:
     @cached_property
     def _mjcf(self) -> MjcfOpener:
         return MjcfOpener(self.description)
+
+    def _info(self, cut: bool) -> RobotInfo:
+        info = self.description.info
+        return replace(info, canonical=self._canonical, expert_return=None if cut else info.expert_return)
 
     @cached_property
     def _canonical(self) -> dict[str, str]:

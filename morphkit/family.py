@@ -18,11 +18,13 @@ class Planned:
     Attributes:
         name: Its name.
         remove: The topmost limbs that go, in file order.
+        splice: Limbs that go alone.
         mirrors: Name of an earlier variant whose mirror image this one is; None without one.
     """
 
     name: str
     remove: tuple[str, ...]
+    splice: tuple[str, ...] = ()
     mirrors: str | None = None
 
 
@@ -85,7 +87,7 @@ def plan_family(
             earlier = _earlier_image(morphology, removed, image) if image else None
             mirrors = None if earlier is None else variant_name(source, earlier)
             made += mirrors is None
-            yield Planned(variant_name(source, removed), removed, mirrors)
+            yield Planned(variant_name(source, removed), removed, mirrors=mirrors)
 
     return planned()
 

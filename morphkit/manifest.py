@@ -5,21 +5,17 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import shutil
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
-from importlib.metadata import version
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any, get_args
 
-from morphkit.ablation import Variant
-from morphkit.assets import find_assets
+from morphkit.batch import FailedVariant, MirroredVariant
 from morphkit.cutting.loss import Loss
-from morphkit.description import Description, RobotInfo
-from morphkit.errors import DescriptionError, OutputError
-from morphkit.io import read
+from morphkit.description import RobotInfo
+from morphkit.errors import DescriptionError
 from morphkit.morphology import Base
-from morphkit.output import staged_folder
 
 FILE_NAME = "manifest.json"
 SCHEMA_VERSION = 1
@@ -51,6 +47,10 @@ class Manifest:
         info: What the variants share: family, task, base, limb types, canonical names.
         variants: The variants in the order of the file.
         assets: SHA-256 of each mesh or texture copied along, by its path relative to the manifest.
+        references: SHA-256 of each mesh or texture that was left where it is, by its path relative to the manifest.
+        failed: Variants that could not be made.
+        mirrored: Variants left out as mirror images of others.
+        notes: What else there is to know, such as why the variants were not compiled.
     """
 
     path: Path
@@ -61,55 +61,23 @@ class Manifest:
     info: RobotInfo
     variants: tuple[ManifestVariant, ...]
     assets: dict[str, str]
+    references: dict[str, str] = field(default_factory=dict)
+    failed: tuple[FailedVariant, ...] = ()
+    mirrored: tuple[MirroredVariant, ...] = ()
+    notes: tuple[str, ...] = ()
 
+    def readable(self) -> dict[str, Path]:
+        """The files outside the manifest's folder that its variants may read, for `Description.packages`.
 
-def write_family(source: Description, variants: Iterable[Variant], folder: Path, *, force: bool = False) -> Path:
-    """Write variants, the assets that they need, and their manifest into `folder`, in one step.
-
-    An existing folder is replaced where it is empty or holds nothing but an earlier family; a killed run leaves either
-    the old folder or the new one, and a failed run leaves everything as it was.
-
-    Args:
-        source: The description that the variants were cut from.
-        variants: The variants; they may be made lazily.
-        folder: Where they go. Folders above it are made.
-        force: Replace `folder` whatever it holds.
-
-    Returns:
-        Path of the `manifest.json`.
-
-    Raises:
-        OutputError: The folder holds other files, cannot be written, or two variants have one name.
-    """
-    _check_target(folder, source, force)
-    with staged_folder(folder) as stage:
-        listed: list[ManifestVariant] = []
-        assets: dict[str, str] = {}
-        taken = {FILE_NAME}
-        canonical: dict[str, str] = {}
-        for variant in variants:
-            file = variant.description.file
-            if file.casefold() in taken:
-                raise OutputError(f"{folder}: two variants would be written to {file}; give one of them another name")
-            taken.add(file.casefold())
-            missing = _copy_assets(variant.description, stage, assets)
-            (stage / file).write_bytes(variant.description.source)
-            listed.append(
-                ManifestVariant(
-                    variant.description.name,
-                    file,
-                    variant.description.sha256,
-                    variant.removed,
-                    variant.spliced,
-                    variant.limbs,
-                    (*variant.lost, *missing),
-                )
-            )
-            canonical = canonical or variant.description.info.canonical
-        info = replace(source.info, canonical=canonical or source.info.canonical)
-        text = json.dumps(_to_json(source, info, listed, assets), indent=2, ensure_ascii=False) + "\n"
-        (stage / FILE_NAME).write_text(text, encoding="utf-8")
-    return folder / FILE_NAME
+        Only files that are what they were when the manifest was written, so that a manifest from a stranger opens no
+        others.
+        """
+        found = {}
+        for number, (place, sha256) in enumerate(self.references.items()):
+            path = Path(os.path.normpath(self.path.absolute().parent / place))
+            if path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == sha256:
+                found[f"asset {number}"] = path
+        return found
 
 
 def read_manifest(path: Path, *, check_files: bool = True) -> Manifest:
@@ -145,12 +113,13 @@ def read_manifest(path: Path, *, check_files: bool = True) -> Manifest:
     except (TypeError, ValueError, AttributeError) as error:
         raise DescriptionError(f"{path}: makes no sense: {error}") from error
     if check_files:
-        for file, sha256 in _files(manifest).items():
+        for file, sha256 in listed_files(manifest).items():
             _check_file(path.parent / file, sha256, path)
     return manifest
 
 
-def _files(manifest: Manifest) -> dict[str, str]:
+def listed_files(manifest: Manifest) -> dict[str, str]:
+    """SHA-256 of each file in the manifest's folder, by its path there."""
     return {**{variant.file: variant.sha256 for variant in manifest.variants}, **manifest.assets}
 
 
@@ -162,73 +131,6 @@ def _check_file(file: Path, sha256: str, listing: Path) -> None:
             f"{file}: its SHA-256 is not the one in {listing.name}: it was changed after the cut; write the family"
             " again, or load the file alone"
         )
-
-
-def _check_target(folder: Path, source: Description, force: bool) -> None:
-    """Refuse to replace what is not an earlier, unchanged family."""
-    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise OutputError(f"{folder}: exists and is no folder; choose another output folder")
-    if not folder.exists():
-        return
-    kept = [Path.cwd(), Path.home(), *([source.folder] if source.folder is not None else [])]
-    if any(path.resolve().is_relative_to(folder.resolve()) for path in kept):
-        raise OutputError(
-            f"{folder}: is or holds the current folder, the home folder or the robot itself; choose another"
-        )
-    if force:
-        return
-    present = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_symlink() or path.is_file()}
-    if not present and not any(folder.iterdir()):
-        return
-    advice = "choose another folder, or replace it with --force"
-    if FILE_NAME not in present:
-        raise OutputError(f"{folder}: holds other files, such as {min(present, default='a folder')}; {advice}")
-    try:
-        listed = _files(read_manifest(folder))
-    except DescriptionError as error:
-        raise OutputError(f"{folder}: holds no unchanged family: {error}; {advice}") from error
-    others = sorted(present - {FILE_NAME, *listed})
-    if others:
-        raise OutputError(f"{folder}: holds other files, such as {others[0]}; {advice}")
-
-
-def _copy_assets(description: Description, stage: Path, copied: dict[str, str]) -> list[Loss]:
-    """Copy what `description` refers to into `stage`; return what is missing."""
-    lost = []
-    for asset in find_assets(description):
-        if asset.path is None or asset.place is None:
-            lost.append(Loss("asset", asset.reference, "", asset.problem))
-        elif asset.place.as_posix() not in copied:
-            target = stage / asset.place
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(asset.path, target)
-            copied[asset.place.as_posix()] = hashlib.sha256(target.read_bytes()).hexdigest()
-    return lost
-
-
-def _to_json(
-    source: Description, info: RobotInfo, variants: list[ManifestVariant], assets: Mapping[str, str]
-) -> dict[str, Any]:
-    shared: dict[str, Any] = {
-        "type_words": [list(group) for group in info.type_words],
-        "type_matched_in": info.type_matched_in,
-        "canonical": info.canonical,
-    }
-    if info.healthy_height is not None:
-        shared["healthy_height"] = [value if math.isfinite(value) else None for value in info.healthy_height]
-    data: dict[str, Any] = {
-        "schema_version": SCHEMA_VERSION,
-        "tool_version": version("morphkit"),
-        "source": {"file": source.file, "sha256": source.sha256, "format": source.format},
-        "family": info.family,
-        "task": info.task,
-        "base": info.base or read(source).base,
-        "info": shared,
-        "variants": [asdict(variant) for variant in variants],
-    }
-    if assets:
-        data["assets"] = [{"file": file, "sha256": sha256} for file, sha256 in sorted(assets.items())]
-    return data
 
 
 def _from_json(path: Path, data: Mapping[str, Any]) -> Manifest:
@@ -256,6 +158,16 @@ def _from_json(path: Path, data: Mapping[str, Any]) -> Manifest:
         info=info,
         variants=tuple(_variant(entry) for entry in data["variants"]),
         assets={_inside(entry["file"]): entry["sha256"] for entry in data.get("assets", [])},
+        references={entry["file"]: entry["sha256"] for entry in data.get("references", [])},
+        failed=tuple(
+            FailedVariant(entry["name"], tuple(entry["removed"]), tuple(entry["spliced"]), entry["reason"])
+            for entry in data.get("failed", [])
+        ),
+        mirrored=tuple(
+            MirroredVariant(entry["name"], tuple(entry["removed"]), entry["mirrors"])
+            for entry in data.get("mirrored", [])
+        ),
+        notes=tuple(data.get("notes", [])),
     )
 
 

@@ -73,7 +73,10 @@ def load_all(
             raise _unknown(path, tomls)
         if path.suffix == ".xacro" and path.is_file():
             return [_expand(path, root, packages)]
-        return [replace(description, packages=packages) for description in _load_path(path, root)]
+        return [
+            replace(description, packages={**description.packages, **packages})
+            for description in _load_path(path, root)
+        ]
     except OSError as error:
         if isinstance(error, MorphkitError):
             raise
@@ -169,7 +172,8 @@ def _load_file(path: Path, root: str | None) -> Description:
             return _describe(path, path.stem, RobotInfo(), root)  # another program's manifest.json
         for variant in manifest.variants:
             if variant.file == path.name:
-                return _describe(path, variant.name, manifest.info, root)
+                own = _describe(path, variant.name, manifest.info, root)
+                return replace(own, packages=manifest.readable())
     return _describe(path, path.stem, RobotInfo(), root)
 
 
@@ -180,7 +184,11 @@ def _load_family(path: Path, root: str | None) -> list[Description]:
     manifest = read_manifest(path)
     if not manifest.variants:
         raise DescriptionError(f"{path}: lists no variants")
-    return [_describe(path.parent / each.file, each.name, manifest.info, root) for each in manifest.variants]
+    files = manifest.readable()
+    return [
+        replace(_describe(path.parent / each.file, each.name, manifest.info, root), packages=files)
+        for each in manifest.variants
+    ]
 
 
 def _describe(path: Path, name: str, info: RobotInfo, root: str | None) -> Description:

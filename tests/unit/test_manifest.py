@@ -15,8 +15,9 @@ from morphkit.ablation import Variant, ablate
 from morphkit.description import Description
 from morphkit.errors import AblationError, DescriptionError, OutputError
 from morphkit.family import sub_morphologies
-from morphkit.manifest import read_manifest, write_family
+from morphkit.manifest import read_manifest
 from morphkit.robots import load, load_all
+from morphkit.writing import write_family
 
 
 def family(limit: int | None = 3) -> tuple[Description, list[Variant]]:
@@ -168,7 +169,7 @@ def test_a_killed_run_leaves_the_old_folder(tmp_path):
 import os, signal
 from pathlib import Path
 from morphkit.family import sub_morphologies
-from morphkit.manifest import write_family
+from morphkit.writing import write_family
 from morphkit.robots import load
 def variants():
     yield from sub_morphologies(load("cheetah"), limit=1)

@@ -1,0 +1,122 @@
+"""Assets of variants: copied beside them, or left where they are and referred to from there."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+from typing import Any, Literal
+
+from morphkit.assets import Asset, Mention, find_asset, find_assets, mentions, place_of
+from morphkit.cutting.loss import Loss
+from morphkit.cutting.source import Source
+from morphkit.description import Description
+
+AssetMode = Literal["copy", "reference"]
+_OUTSIDE = "assets"
+
+
+class Packer:
+    """Makes every file that variants refer to be found from the folder that they are written into.
+
+    Attributes:
+        files: SHA-256 of each file, by its path relative to that folder.
+    """
+
+    def __init__(self, folder: Path, stage: Path, mode: AssetMode) -> None:
+        """Pack for `folder`, which is being written at `stage`."""
+        self.files: dict[str, str] = {}
+        self._folder, self._stage, self._mode = folder.resolve(), stage, mode
+        self._paths: dict[str, Path] = {}
+
+    def pack(self, description: Description) -> tuple[bytes, list[Loss]]:
+        """Bring along what `description` refers to.
+
+        References stay as they are where a copy can lie at that very place. Others, such as absolute paths, paths that
+        lead out of the folder, and with mode `reference` all of them, are rewritten.
+
+        Returns:
+            The bytes of the description as it has to be written; what is missing and what was rewritten.
+        """
+        source = Source(description.source, file=description.file)
+        found = {each.reference: find_asset(each.reference, description) for each in mentions(source.root)}
+        lost = [Loss("asset", name, "", asset.problem) for name, asset in found.items() if asset.path is None]
+        for each in mentions(source.root):
+            path = found[each.reference].path
+            if each.element.tag == "model" and path is not None and self._mode == "copy":
+                lost += self._copy_parts(path, PurePosixPath(self._copy(found[each.reference])).parent)
+        target: Callable[[Asset], str] = self._reference if self._mode == "reference" else self._copy
+        targets = {name: target(asset) for name, asset in found.items() if asset.path is not None}
+        rewritten = list(_rewrite(source.root, targets, in_place=self._mode == "copy"))
+        lost += rewritten if self._mode == "copy" else []
+        return (source.render() if rewritten else description.source), lost
+
+    def _copy_parts(self, model: Path, place: PurePosixPath) -> Iterator[Loss]:
+        """Copy the assets of a model to attach, which lie where that model's file says, to stand below `place`."""
+        part = Description(model.stem, model.name, "mjcf", model.read_bytes(), model.parent)
+        for asset in find_assets(part):
+            if asset.path is None or asset.place is None:
+                yield Loss(
+                    "asset", asset.reference, "", f"of {model.name}: {asset.problem or 'lies outside its folder'}"
+                )
+            else:
+                self._copy(replace(asset, place=place / asset.place))
+
+    def _reference(self, asset: Asset) -> str:
+        """Enter a file; return its path relative to the folder."""
+        assert asset.path is not None
+        place = Path(os.path.relpath(asset.path, self._folder)).as_posix()
+        if place not in self.files:
+            self.files[place] = hashlib.sha256(asset.path.read_bytes()).hexdigest()
+        return place
+
+    def _copy(self, asset: Asset) -> str:
+        """Copy a file; return the place of the copy."""
+        assert asset.path is not None
+        place = asset.place or PurePosixPath(_OUTSIDE) / asset.path.name
+        number = 1
+        while self._paths.setdefault(place.as_posix(), asset.path) != asset.path:
+            number += 1
+            place = PurePosixPath(_OUTSIDE) / f"{asset.path.stem}_{number}{asset.path.suffix}"
+        if place.as_posix() not in self.files:
+            target = self._stage / place
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(asset.path, target)
+            self.files[place.as_posix()] = hashlib.sha256(target.read_bytes()).hexdigest()
+        return place.as_posix()
+
+
+def _rewrite(root: Any, targets: dict[str, str], *, in_place: bool) -> Iterator[Loss]:
+    """Write `targets`, by reference, into the file's attributes wherever they are not what stands there already."""
+    wrong = [each for each in mentions(root) if each.reference in targets and not _right(each, targets, in_place)]
+    if not wrong:
+        return
+    if root.tag == "mujoco":
+        # Names below a folder cannot lead out of it where it does not exist: all names are written out, without one.
+        wrong = [each for each in mentions(root) if each.reference in targets or each.folder]
+        for compiler in root.iterfind("compiler"):
+            for attribute in ("meshdir", "texturedir", "assetdir", "strippath"):
+                compiler.attrib.pop(attribute, None)
+    for each in wrong:
+        target = targets.get(each.reference, each.reference)
+        if each.element.get(each.attribute) != target:
+            yield Loss("asset", each.reference, "", f"is written as {target}")
+            _keep_name(each.element, target)
+            each.element.set(each.attribute, target)
+
+
+def _keep_name(element: Any, target: str) -> None:
+    """Write the name of an asset that has that of its file, where the file is to have another."""
+    stem = PurePosixPath(element.get("file", "")).stem
+    named = element.get("name") is not None or element.tag not in ("mesh", "hfield", "texture", "skin")
+    if not named and stem not in ("", PurePosixPath(target).stem):
+        element.set("name", stem)
+
+
+def _right(mention: Mention, targets: dict[str, str], in_place: bool) -> bool:
+    """Whether a reference leads to its target as it is; xacro's `$(find name)` leads nowhere outside of ROS."""
+    place = place_of(mention.reference)
+    return in_place and "$(" not in mention.reference and place is not None and str(place) == targets[mention.reference]

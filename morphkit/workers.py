@@ -1,0 +1,182 @@
+"""Tasks in worker processes that live on between tasks: one that crashes or hangs is one failed task, not the end."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import BaseContext
+from typing import Any, Generic, TypeVar
+
+from morphkit.errors import MorphkitError
+
+TIMEOUT_S = 300.0
+_AHEAD = 4
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """What a task gives that could not be done; `reason` is for people."""
+
+    reason: str
+
+
+@dataclass(slots=True)
+class _Worker(Generic[T]):
+    process: Any
+    connection: Connection
+    task: tuple[int, T] | None = None
+    deadline: float = 0.0
+
+
+def run(
+    setup: Callable[[], Callable[[T], R]], tasks: Iterable[T], *, jobs: int = 1, timeout_s: float = TIMEOUT_S
+) -> Iterator[tuple[T, R | Failure]]:
+    """Do tasks in `jobs` processes and yield each with its result, in the order of `tasks` whatever `jobs` is.
+
+    Tasks are taken lazily, a few ahead of the results, so that memory stays flat. What the processes print is
+    swallowed. Where processes are forked, they share what the caller holds; elsewhere `setup` must be picklable.
+
+    Args:
+        setup: Called once a process; returns what does a task. Tasks and results must be picklable.
+        tasks: The tasks.
+        jobs: Number of processes.
+        timeout_s: Longest time that a task may take, s.
+
+    Yields:
+        Task and result, or a `Failure`: it raised a `MorphkitError` or another exception, its process died, or it took
+        too long. Such a process is replaced.
+    """
+    pool = _Pool(setup, jobs, timeout_s)
+    done: dict[int, R | Failure] = {}
+    order: deque[tuple[int, T]] = deque()
+    numbered = enumerate(tasks)
+    try:
+        while True:
+            while len(order) < _AHEAD * jobs and (upcoming := next(numbered, None)) is not None:
+                order.append(upcoming)
+                pool.waiting.append(upcoming)
+            if not order:
+                return
+            pool.assign()
+            if order[0][0] in done:
+                number, task = order.popleft()
+                yield task, done.pop(number)
+            else:
+                done.update(pool.collect())
+    finally:
+        pool.stop()
+
+
+class _Pool(Generic[T, R]):
+    def __init__(self, setup: Callable[[], Callable[[T], R]], jobs: int, timeout_s: float) -> None:
+        self._setup, self._jobs, self._timeout_s = setup, jobs, timeout_s
+        self._context = _context()
+        self._workers: list[_Worker[T]] = []
+        self.waiting: deque[tuple[int, T]] = deque()
+
+    def assign(self) -> None:
+        """Give every idle worker a task; start workers while there are fewer than tasks."""
+        for worker in self._workers:
+            if worker.task is None and self.waiting:
+                self._give(worker)
+        while self.waiting and len(self._workers) < self._jobs:
+            self._workers.append(self._start())
+            self._give(self._workers[-1])
+
+    def collect(self) -> Iterator[tuple[int, R | Failure]]:
+        """Wait until a task is done or has failed; yield number and result of those that are."""
+        busy = [worker for worker in self._workers if worker.task is not None]
+        left = min(worker.deadline for worker in busy) - time.monotonic()
+        ready = wait([worker.connection for worker in busy], timeout=max(0.0, left))
+        for worker in busy:
+            assert worker.task is not None
+            if worker.connection in ready:
+                try:
+                    result = worker.connection.recv()
+                except (EOFError, OSError):
+                    result = Failure(self._cause_of_death(worker))
+                yield worker.task[0], result
+                worker.task = None
+            elif time.monotonic() >= worker.deadline:
+                self._end(worker)
+                yield worker.task[0], Failure(f"it took longer than {self._timeout_s:g} s")
+
+    def stop(self) -> None:
+        """End all workers."""
+        for worker in list(self._workers):
+            self._end(worker)
+
+    def _start(self) -> _Worker[T]:
+        ours, theirs = self._context.Pipe()
+        inherited = [ours, *(worker.connection for worker in self._workers)]
+        forked = self._context.get_start_method() == "fork"
+        process = self._context.Process(  # type: ignore[attr-defined]
+            target=_serve, args=(theirs, inherited if forked else [], self._setup), daemon=True
+        )
+        process.start()
+        theirs.close()
+        return _Worker(process, ours)
+
+    def _give(self, worker: _Worker[T]) -> None:
+        worker.task = self.waiting.popleft()
+        worker.deadline = time.monotonic() + self._timeout_s
+        # A worker that died meanwhile is noticed when its result is collected.
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):
+            worker.connection.send(worker.task[1])
+
+    def _cause_of_death(self, worker: _Worker[T]) -> str:
+        worker.process.join()
+        code = worker.process.exitcode
+        self._end(worker)
+        if code is not None and code < 0:
+            return f"the simulator crashed ({signal.Signals(-code).name})"
+        return f"the simulator ended the process (exit code {code})"
+
+    def _end(self, worker: _Worker[T]) -> None:
+        worker.process.kill()
+        worker.process.join()
+        worker.connection.close()
+        self._workers.remove(worker)
+
+
+def _context() -> BaseContext:
+    """Fork where that is safe, since it costs no start-up time; a fresh interpreter elsewhere."""
+    alone = sys.platform == "linux" and threading.active_count() == 1
+    return multiprocessing.get_context("fork" if alone else "spawn")
+
+
+def _serve(connection: Connection, inherited: list[Connection], setup: Callable[[], Callable[[T], R]]) -> None:
+    """The life of a worker: until the other end of its connection is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers
+    for other in inherited:
+        other.close()
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.dup2(nowhere, 2)
+    handle = setup()
+    while True:
+        try:
+            task = connection.recv()
+        except EOFError:
+            return
+        connection.send(_attempt(handle, task))
+
+
+def _attempt(handle: Callable[[T], R], task: T) -> R | Failure:
+    try:
+        return handle(task)
+    except MorphkitError as error:
+        return Failure(" ".join(str(error).split()))
+    except Exception as error:  # whatever it is, it concerns this task only
+        return Failure(f"{type(error).__name__}: {' '.join(str(error).split())}")
