@@ -56,10 +56,10 @@ class Agent:
     def __init__(self, config: TrainConfig, specs: Sequence[TokenSpec], device: str):
         self.config, self.device = config, device
         self.method = find(config.model.method)
-        for spec in specs:
-            self.method.check(spec, config.model)
-        self.embedder = TokenEmbedder.fit(runs.make_encoder(config), [text for spec in specs for text in spec.texts])
         self.vocabulary = Vocabulary.of(specs)
+        for spec in specs:  # before the networks, whose sizes would make no sense
+            self.check(spec)
+        self.embedder = TokenEmbedder.fit(runs.make_encoder(config), [text for spec in specs for text in spec.texts])
         self.learner = TD3(
             config.model,
             config.td3,
@@ -74,8 +74,18 @@ class Agent:
         self.each = [self.view([spec]) for spec in specs]
         self._standard: dict[View, tuple[Tensor | None, Tensor | None]] = {}
 
+    def check(self, spec: TokenSpec) -> None:
+        """Raise ConfigError where the method, made for the training robots, cannot express the robot `spec`."""
+        self.method.check(spec, self.config.model, self.vocabulary)
+
     def view(self, specs: Sequence[TokenSpec]) -> View:
-        """Robots, of training or not, side by side."""
+        """Robots, of training or not, side by side.
+
+        Raises:
+            ConfigError: The method cannot express one of them.
+        """
+        for spec in specs:
+            self.check(spec)
         layout = build_layout(specs, self.embedder, self.device, actions=self.method.actions)
         return View(layout, self.normalizer.index(specs))
 

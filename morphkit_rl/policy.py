@@ -35,6 +35,7 @@ class Policy:
         embedder: Texts to embeddings.
         config: What the policy was trained with.
         trained_on: Names of the training robots.
+        vocabulary: What the networks were made for.
 
     Example:
         >>> policy = Policy.load("runs/cheetah")  # doctest: +SKIP
@@ -48,9 +49,10 @@ class Policy:
         embedder: TokenEmbedder,
         config: TrainConfig,
         trained_on: Sequence[str] = (),
+        vocabulary: Vocabulary | None = None,
     ):
         self.actor, self.normalizer, self.embedder, self.config = actor, normalizer, embedder, config
-        self.trained_on = tuple(trained_on)
+        self.trained_on, self.vocabulary = tuple(trained_on), vocabulary
         self._controllers: dict[tuple[str, ...], Controller] = {}
 
     @classmethod
@@ -82,9 +84,10 @@ class Policy:
             )
         method = find(config.model.method)
         checkpoint.check_method(folder, state, method.name)
-        actor, _ = method.build(config.model, encoder.size, Vocabulary.from_dict(state["vocabulary"]))
+        vocabulary = Vocabulary.from_dict(state["vocabulary"])
+        actor, _ = method.build(config.model, encoder.size, vocabulary)
         checkpoint.load_modules({"actor": actor}, arrays, folder / "policy.safetensors")
-        return cls(actor, normalizer, embedder, config, [robot["name"] for robot in saved["robots"]])
+        return cls(actor, normalizer, embedder, config, [robot["name"] for robot in saved["robots"]], vocabulary)
 
     def act(self, spec: TokenSpec, obs: np.ndarray) -> np.ndarray:
         """Controls for one robot.
@@ -97,8 +100,8 @@ class Policy:
             float32 (actuators,) or (batch, actuators) in the actuators' units and order.
 
         Raises:
-            ConfigError: The observations have another width than the robot has sensor tokens, or the method cannot
-                express the robot.
+            ConfigError: The observations have another width than the robot has sensor tokens, the method cannot
+                express the robot, or the policy was trained on a choice of quantities that `spec` goes beyond.
         """
         obs = np.asarray(obs, dtype=np.float32)
         if obs.ndim not in (1, 2) or obs.shape[-1] != len(spec.sensors):
@@ -117,8 +120,9 @@ class Policy:
                 f"{self.config.text.naming!r} names",
                 stacklevel=3,
             )
+        self._check_quantities(spec)
         method = find(self.config.model.method)
-        method.check(spec, self.config.model)
+        method.check(spec, self.config.model, self.vocabulary)
         layout = build_layout([spec], self.embedder, actions=method.actions)
         names = cast(Any, self.actor).read_names(layout)
         scale = shift = None
@@ -133,6 +137,16 @@ class Policy:
 
         self._controllers[_key(spec)] = act
         return act
+
+    def _check_quantities(self, spec: TokenSpec) -> None:
+        chosen = self.config.trainer.sensors
+        known = {key.partition("/")[0] for key in self.normalizer.keys}
+        beyond = [quantity for quantity in dict.fromkeys(s.quantity for s in spec.sensors) if quantity not in known]
+        if chosen and beyond:
+            raise ConfigError(
+                f"{spec.morphology}: has tokens of {', '.join(beyond)}, which the policy was trained without "
+                f"(trainer.sensors is {', '.join(chosen)})"
+            )
 
 
 def _key(spec: TokenSpec) -> tuple[str, ...]:
