@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _AXES = {
     "return": "return of training episodes",
-    "score": "return / expert return, noise-free",
+    "score": "score: 0 random, 1 expert",
 }
 
 

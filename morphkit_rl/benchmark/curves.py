@@ -8,14 +8,12 @@ from typing import Literal
 
 import numpy as np
 
-from morphkit_rl import runs
-from morphkit_rl.benchmark.cells import RUN, Status
-from morphkit_rl.benchmark.statistics import Statistic, estimate
+from morphkit_rl.benchmark.cells import Status
+from morphkit_rl.benchmark.statistics import Statistic, estimate_curve
 
 Measure = Literal["return", "score"]
 
 _POINTS = 80
-_RESAMPLES = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,22 +39,17 @@ def seed_curve(cell: Status, measure: Measure) -> SeedCurve | None:
 
     Args:
         cell: The cell.
-        measure: `return`: mean return of training episodes, with exploration noise. `score`: noise-free return / expert
-            return of each training robot whose expert return is known.
+        measure: `return`: mean return of training episodes, with exploration noise. `score`: (return - random) /
+            (expert - random) of each training robot, noise-free, where an expert return is known.
     """
     rows = cell.metrics
     if measure == "return":
         points = [(row["steps"], [row["return_mean"]]) for row in rows if row.get("return_mean") is not None]
     else:
-        if not any(row.get("evaluation") for row in rows):
-            return None
-        known = {each["name"]: each["info"]["expert_return"] for each in runs.read(cell.folder / RUN)["robots"]}
-        experts = {name: expert for name, expert in known.items() if expert}
-        points = [
-            (row["steps"], [row["evaluation"][name]["mean"] / expert for name, expert in experts.items()])
-            for row in rows
-            if row.get("evaluation") and experts.keys() <= row["evaluation"].keys()
-        ]
+        robots = list(cell.plan["train"])
+        evaluated = [(row["steps"], row["evaluation"]) for row in rows if row.get("evaluation")]
+        points = [(steps, [found[name]["score"] for name in robots if name in found]) for steps, found in evaluated]
+        points = [(steps, [score for score in scores if score is not None]) for steps, scores in points]
     points = [(steps, values) for steps, values in points if values and np.isfinite(values).all()]
     if not points:
         return None
@@ -75,13 +68,5 @@ def band(curves: Sequence[SeedCurve], statistic: Statistic) -> Band | None:
     if first > last:
         return None
     grid = np.linspace(first, last, _POINTS) if last > first else np.array([first])
-    on_grid = [np.stack([np.interp(grid, c.steps, column) for column in c.values.T]) for c in curves]
-    found = [
-        estimate([np.stack([values[:, point] for values in on_grid])], statistic, resamples=_RESAMPLES)
-        for point in range(len(grid))
-    ]
-    values = np.array([each.value for each in found])
-    if any(each.low is None for each in found):
-        return Band(grid, values, None, None)
-    low, high = (np.array([getattr(each, end) for each in found], float) for end in ("low", "high"))
-    return Band(grid, values, low, high)
+    on_grid = [np.stack([np.interp(grid, c.steps, column) for column in c.values.T], axis=1) for c in curves]
+    return Band(grid, *estimate_curve(np.stack(on_grid), statistic))

@@ -16,7 +16,8 @@ _HOW_TO_READ = f"""## How to read the numbers
 - **training return**: mean return of training episodes over the training robots, with exploration noise, over the last
   5 % of the steps; mean over seeds.
 - **held-out return**: mean return of noise-free episodes on robots that training never saw; mean over seeds.
-- **score**: noise-free return / return of a single-robot expert; interquartile mean over seeds and robots.
+- **score**: (return - random) / (expert - random) of noise-free episodes, with the returns of a random policy and of a
+  single-robot expert; interquartile mean over seeds and robots.
 - **[low, high]**: 95 % bootstrap interval over seeds, stratified by task. A single seed has none.
 - **published**: read off the study's figures (bars to about 2 %, curves to about 5 %); 3 seeds,
   {published_steps():,} counted steps.

@@ -14,16 +14,20 @@ EVALUATE_STEPS = 50_000
 """Counted steps between two noise-free evaluations of the training robots."""
 
 _PAPER = "-paper"
+_NO_TYPES = "-no-ltv"
 _OWN_PRESETS = {"limb-former": "default"}
 
 
 def preset_of(method: str) -> str:
     """The preset of a method: `default` for limb-former, `ma-bert-paper` for ma-bert, a preset's own name for itself.
 
+    `-no-ltv` behind a name is left out: it changes what is observed.
+
     Raises:
         UnknownNameError: There is neither such a method nor such a preset.
     """
     known = presets()
+    method = method.removesuffix(_NO_TYPES)
     for preset in (_OWN_PRESETS.get(method), method + _PAPER, method):
         if preset in known:
             return preset
@@ -36,8 +40,8 @@ def preset_of(method: str) -> str:
 def method_config(method: str, split: str, *, preset: str | None = None, overrides: Sequence[str] = ()) -> TrainConfig:
     """Settings of a method in a split.
 
-    The paper presets take what the study sets a split (exploration noise); every run evaluates without noise every
-    50 000 steps, unless `overrides` say otherwise.
+    The paper presets take what the study sets by split, and a name with `-no-ltv` behind it observes no limb types, as
+    in the study. Every run evaluates without noise every 50 000 steps. `overrides` go before all that.
 
     Args:
         method: Name of a method or of a preset.
@@ -51,7 +55,9 @@ def method_config(method: str, split: str, *, preset: str | None = None, overrid
     """
     name = preset or preset_of(method)
     by_split = paper_settings(split) if name.endswith(_PAPER) else []
-    config = load_config(name, [f"trainer.evaluate_steps={EVALUATE_STEPS}", *by_split, *overrides])
-    if method in METHODS and config.model.method != method:
-        raise ConfigError(f"preset {name} is for method {config.model.method!r}, not for {method!r}")
+    without_types = ['trainer.sensors=["no_ltv"]'] if method.endswith(_NO_TYPES) else []
+    config = load_config(name, [f"trainer.evaluate_steps={EVALUATE_STEPS}", *by_split, *without_types, *overrides])
+    base = method.removesuffix(_NO_TYPES)
+    if base in METHODS and config.model.method != base:
+        raise ConfigError(f"preset {name} is for method {config.model.method!r}, not for {base!r}")
     return config

@@ -10,8 +10,8 @@ from morphkit_rl.benchmark.cells import Cell, Plan
 from morphkit_rl.benchmark.definition import Benchmark
 from morphkit_rl.benchmark.methods import method_config
 from morphkit_rl.benchmark.published import published_steps
-from morphkit_rl.models import METHODS
-from morphkit_rl.robots import prepare
+from morphkit_rl.models import find
+from morphkit_rl.runs import prepare_robot
 
 EPISODES = 10
 """Noise-free episodes a robot in the published protocol."""
@@ -63,8 +63,7 @@ def plan_matrix(
             bodies = gather(benchmark, task, split, validate=validate)
             for config in configs.values():
                 for body in (*bodies.train, *bodies.validation, *bodies.test):
-                    spec = prepare(body, config.text.naming).spec
-                    METHODS[config.model.method].check(spec, config.model)
+                    find(config.model.method).check(prepare_robot(config, body).spec, config.model)
             found += [
                 Plan(Cell(split, task, name, seed), bodies, configs[name], steps, minutes, episodes, validate)
                 for name in methods

@@ -138,7 +138,7 @@ def _draw(
     at = f"; published: at {published_steps() / 1e6:g}M steps" if split in load_benchmark().splits else ""
     heading = f"Split {split}: training return, with exploration noise ({state}{at})"
     write_curves(stage / f"training-split-{split}.png", split, tasks, entries, "return", heading)
-    heading = f"Split {split}: score of the training robots, interquartile mean ({state})"
+    heading = f"Split {split}: noise-free score of the training robots, interquartile mean ({state})"
     write_curves(stage / f"scores-split-{split}.png", split, tasks, entries, "score", heading)
     if with_held_out:
         heading = f"Split {split}: noise-free return on {role} ({state})"

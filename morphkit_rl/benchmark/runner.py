@@ -74,10 +74,13 @@ def _train(plan: Plan, run: Path, device: str, progress: Callable[[Progress], No
         summary = trainer.resume(run, progress=progress)
     else:
         shutil.rmtree(run, ignore_errors=True)  # killed while the folder was being made
+        bodies = plan.bodies
+        watched = bodies.validation if plan.config.trainer.evaluate_steps else ()
         summary = trainer.train(
-            plan.bodies.train,
+            (*bodies.train, *watched),
             run,
             plan.config,
+            validation=[each.name for each in watched],
             seed=plan.cell.seed,
             minutes=plan.minutes,
             steps=plan.steps,

@@ -39,15 +39,12 @@ def mean_of_means(strata: Sequence[np.ndarray]) -> np.ndarray:
     return np.mean([values.mean(axis=-1) for values in strata], axis=0)
 
 
-def estimate(
-    strata: Sequence[np.ndarray], statistic: Statistic = mean_of_means, *, resamples: int = RESAMPLES
-) -> Estimate:
+def estimate(strata: Sequence[np.ndarray], statistic: Statistic = mean_of_means) -> Estimate:
     """A statistic with its percentile bootstrap interval, the same for the same numbers.
 
     Args:
         strata: A stratum each, (seeds,) or (seeds, robots).
         statistic: Of all strata.
-        resamples: How many times the seeds are drawn.
 
     Raises:
         ValueError: There is no stratum, or an empty one.
@@ -62,7 +59,35 @@ def estimate(
         pools = [table[seeds] for table, seeds in zip(tables, chosen, strict=True)]
         return statistic([pool.reshape(*pool.shape[:-2], -1) for pool in pools])
 
-    return _bootstrapped([len(table) for table in tables], of_seeds, resamples)
+    return _bootstrapped([len(table) for table in tables], of_seeds)
+
+
+def estimate_curve(values: np.ndarray, statistic: Statistic) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
+    """A statistic at every point of a curve, with the percentile bootstrap interval of the seeds' whole curves.
+
+    Args:
+        values: (seeds, points, robots) of one stratum.
+        statistic: Of the stratum.
+
+    Returns:
+        Values, low and high ends, (points,); no ends for a single seed.
+    """
+    by_point = np.swapaxes(values, 0, 1)
+    points, seeds = by_point.shape[:2]
+
+    def of_seeds(chosen: np.ndarray) -> np.ndarray:
+        return statistic([by_point[:, chosen].reshape(points, -1)])
+
+    whole = of_seeds(np.arange(seeds))
+    if seeds < 2:
+        return whole, None, None
+    draws = np.random.default_rng(0).integers(seeds, size=(RESAMPLES, seeds))
+    # Few draws differ: of 3 seeds, 10 do.
+    distinct, which = np.unique(np.sort(draws, axis=1), axis=0, return_inverse=True)
+    found = np.stack([of_seeds(chosen) for chosen in distinct])
+    tail = 50 * (1 - LEVEL)
+    low, high = np.percentile(found[which.reshape(-1)], [tail, 100 - tail], axis=0)
+    return whole, low, high
 
 
 def probability_of_improvement(ours: Sequence[np.ndarray], theirs: Sequence[np.ndarray]) -> Estimate:
@@ -84,7 +109,7 @@ def probability_of_improvement(ours: Sequence[np.ndarray], theirs: Sequence[np.n
         pairs = zip(xs, ys, chosen[: len(xs)], chosen[len(xs) :], strict=True)
         return np.mean([_beats(x[i], y[j]) for x, y, i, j in pairs], axis=0)
 
-    return _bootstrapped([len(values) for values in (*xs, *ys)], of_seeds, RESAMPLES)
+    return _bootstrapped([len(values) for values in (*xs, *ys)], of_seeds)
 
 
 def _beats(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -93,14 +118,14 @@ def _beats(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.mean((left > right) + 0.5 * (left == right), axis=(-2, -1))
 
 
-def _bootstrapped(sizes: Sequence[int], of_seeds: Callable[..., np.ndarray], resamples: int) -> Estimate:
+def _bootstrapped(sizes: Sequence[int], of_seeds: Callable[..., np.ndarray]) -> Estimate:
     """The statistic of all seeds, and its interval when the seeds of each stratum are drawn with replacement."""
     seeds = tuple(np.arange(size) for size in sizes)
     value = float(of_seeds(*seeds))
     if min(sizes) < 2:
         return Estimate(value)
     found = stats.bootstrap(
-        seeds, of_seeds, n_resamples=resamples, batch=_BATCH, vectorized=True, confidence_level=LEVEL,
+        seeds, of_seeds, n_resamples=RESAMPLES, batch=_BATCH, vectorized=True, confidence_level=LEVEL,
         method="percentile", rng=np.random.default_rng(0),
     )  # fmt: skip
     return Estimate(value, float(found.confidence_interval.low), float(found.confidence_interval.high))

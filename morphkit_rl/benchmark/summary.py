@@ -18,6 +18,7 @@ from morphkit_rl.benchmark.statistics import (
     interquartile_mean,
     probability_of_improvement,
 )
+from morphkit_rl.episodes import normalised
 
 Role = Literal["train", "validation", "test"]
 
@@ -33,7 +34,7 @@ class Entry:
         cells: Its cells, by seed.
         role: Whether `held_out` is of test or of validation robots.
         training_return: Mean over done seeds of the final training return, with exploration noise.
-        training_score: Interquartile mean over done seeds and training robots of return / expert return, noise-free.
+        training_score: Interquartile mean over done seeds and training robots of the noise-free score.
         held_out: Mean over done seeds of the noise-free return on held-out robots; None where there are none.
         held_out_score: As `training_score`, on the held-out robots.
         published_training: What the study reports for `training_return`.
@@ -82,7 +83,7 @@ class Overall:
         tasks: Tasks with held-out robots of which a seed is done.
         of_tasks: Tasks with held-out robots in the split.
         held_out: Mean over tasks and seeds of the return on held-out robots.
-        held_out_score: Interquartile mean of return / expert return on held-out robots, stratified by task.
+        held_out_score: Interquartile mean of the score on held-out robots, stratified by task.
         training_score: The same on training robots.
         published_held_out: What the study reports for `held_out`, over all tasks.
     """
@@ -217,13 +218,13 @@ def seed_means(cells: Sequence[Status], role: Role) -> np.ndarray:
 
 
 def _scores(cells: Sequence[Status], role: Role) -> np.ndarray:
-    """Return / expert return, (seeds, robots whose expert return is known)."""
+    """(return - random) / (expert - random), (seeds, robots whose expert return is known)."""
     tables = [[_score(robot) for robot in _robots(each, role)] for each in cells]
     return np.array([[score for score in table if score is not None] for table in tables])
 
 
 def _score(robot: dict[str, Any]) -> float | None:
-    return robot["mean"] / robot["expert_return"] if robot["expert_return"] else None
+    return normalised(robot["mean"], robot["random_mean"], robot["expert_return"])
 
 
 def _robots(each: Status, role: Role) -> list[dict[str, Any]]:

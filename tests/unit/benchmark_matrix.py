@@ -67,8 +67,6 @@ def write_cell(plan: Plan, folder: Path, state: str, level: float) -> None:
     level *= rng.uniform(0.85, 1.15)
     run = folder / cells.RUN
     run.mkdir()
-    robots = [{"name": each.name, "info": {"expert_return": each.info.expert_return}} for each in plan.bodies.train]
-    (run / "config.json").write_text(json.dumps({"config": {}, "robots": robots}))
     share = 1.0 if state == "done" else rng.uniform(0.3, 0.7)
     rows = _metrics(plan, level, share, rng)
     (run / "metrics.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
@@ -103,12 +101,12 @@ def write_cell(plan: Plan, folder: Path, state: str, level: float) -> None:
 
 
 def _metrics(plan: Plan, level: float, share: float, rng: np.random.Generator) -> list[dict[str, Any]]:
-    names = [each.name for each in plan.bodies.train]
+    experts = {each.name: each.info.expert_return for each in plan.bodies.train}
     budget = float(plan.steps or 1)
     rows = []
     for part in np.linspace(0.005, 1.0, 60)[: max(2, round(60 * share))]:
         mean = level * (1 - np.exp(-3.5 * part)) / (1 - np.exp(-3.5)) + rng.normal(0, 0.04 * level)
-        returns = {name: float(mean * rng.uniform(0.8, 1.2)) for name in names}
+        returns = {name: float(mean * rng.uniform(0.8, 1.2)) for name in experts}
         rows.append(
             {
                 "steps": round(budget * part),
@@ -119,7 +117,7 @@ def _metrics(plan: Plan, level: float, share: float, rng: np.random.Generator) -
                 "return_mean": float(np.mean(list(returns.values()))),
                 "returns": returns,
                 "evaluation": {
-                    name: {"mean": value * 1.1, "returns": [value * 1.1], "score": None}
+                    name: {"mean": value, "returns": [value], "score": value / (experts[name] or 1.0)}
                     for name, value in returns.items()
                 },
             }

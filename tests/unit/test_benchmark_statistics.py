@@ -11,6 +11,7 @@ from scipy import stats
 from morphkit_rl.benchmark.statistics import (
     Estimate,
     estimate,
+    estimate_curve,
     interquartile_mean,
     mean_of_means,
     probability_of_improvement,
@@ -65,6 +66,22 @@ def test_tasks_weigh_the_same_in_the_mean_and_robots_in_the_interquartile_mean()
 def test_strata_are_resampled_each_on_its_own() -> None:
     # Two constant strata far apart: pooling them before drawing would spread the mean, stratified drawing does not.
     assert estimate([np.zeros(3), np.full(3, 10.0)]) == Estimate(5.0, 5.0, 5.0)
+
+
+def test_a_curve_is_the_estimate_at_every_point(rng: np.random.Generator) -> None:
+    values = rng.normal(size=(4, 6, 3))
+    for statistic in (mean_of_means, interquartile_mean):
+        found, low, high = estimate_curve(values, statistic)
+        assert low is not None
+        assert high is not None
+        for point in range(6):
+            single = estimate([values[:, point]], statistic)
+            assert found[point] == pytest.approx(single.value)
+            assert (low[point], high[point]) == pytest.approx((single.low, single.high), abs=0.05)
+    alone, low, high = estimate_curve(values[:1], mean_of_means)
+    np.testing.assert_allclose(alone, values[0].mean(axis=1))
+    assert low is None
+    assert high is None
 
 
 def test_a_single_seed_has_no_interval() -> None:
