@@ -18,6 +18,7 @@ from morphkit import robots
 ROBOTS = Path(__file__).parents[2] / "robots"
 DATA = Path(__file__).parents[1] / "data"
 BENCHMARK = json.loads((DATA / "benchmark_robots.json").read_text())
+DYNAMICS = json.loads((DATA / "benchmark_dynamics.json").read_text())
 BODIES = json.loads((DATA / "benchmark_bodies.json").read_text())
 ALL = ("arm", "cheetah", "hopper", "humanoid_2d", "planar_cheetah", "quadruped", "walker")
 URDFS = ("planar_cheetah", "quadruped")
@@ -94,6 +95,36 @@ def test_ranges_gears_and_start_are_the_benchmarks(name: str) -> None:
     np.testing.assert_array_equal(model.actuator_ctrlrange, [[-1, 1]] * model.nu)
     np.testing.assert_array_equal(model.qpos0, expected["qpos0"])
     assert model.opt.timestep == expected["timestep_s"]
+
+
+@pytest.mark.parametrize("name", BENCHMARK)
+def test_joints_and_contacts_are_the_benchmarks(name: str) -> None:
+    model, expected = robot_spec(name).compile(), DYNAMICS[name]
+    assert model.opt.integrator == expected["integrator"]
+    for key, values in (
+        ("armature", model.dof_armature),
+        ("damping", model.dof_damping),
+        ("stiffness", model.jnt_stiffness),
+        ("axis", model.jnt_axis),
+        ("limit_solref", model.jnt_solref),
+        ("limit_solimp", model.jnt_solimp),
+    ):
+        numbers = [expected["joints"][model.joint(i).name][key] for i in range(model.njnt)]
+        np.testing.assert_allclose(values, numbers, rtol=0, atol=1e-9, err_msg=key)
+    assert [model.body(i).name for i in model.geom_bodyid] == [geom["body"] for geom in expected["geoms"]]
+    contacts = np.stack([model.geom_contype, model.geom_conaffinity, model.geom_condim], axis=1)
+    for key, values in (
+        ("size_m", model.geom_size),
+        ("pos_m", model.geom_pos),
+        ("quat", model.geom_quat),
+        ("friction", model.geom_friction),
+        ("solref", model.geom_solref),
+        ("solimp", model.geom_solimp),
+        ("margin_m", model.geom_margin),
+        ("contype_conaffinity_condim", contacts),
+    ):
+        numbers = [geom[key] for geom in expected["geoms"]]
+        np.testing.assert_allclose(values, numbers, rtol=0, atol=1e-9, err_msg=key)
 
 
 def test_recipes_are_the_32_bodies() -> None:
