@@ -1,0 +1,59 @@
+"""Mesh files of any format as triangles in metres."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+from morphkit.errors import AssetError
+
+
+def load_mesh(path: Path) -> Any:
+    """Read a mesh file with trimesh, all its parts joined, in metres where the file states its unit.
+
+    COLLADA states one; its up axis is not applied, as in ROS.
+
+    Returns:
+        A `trimesh.Trimesh` with at least one face.
+
+    Raises:
+        AssetError: The file cannot be read or holds no triangles.
+    """
+    import trimesh
+
+    collada = path.suffix.lower() == ".dae"
+    try:
+        mesh = trimesh.load(path, force="mesh", skip_materials=True)
+        if collada and len(mesh.faces) == 0:
+            mesh = trimesh.load(io.BytesIO(_without_materials(path)), file_type="dae", force="mesh")
+    except Exception as error:  # trimesh raises whatever the reader of the format raises
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise AssetError(f"{path}: trimesh cannot read this mesh: {reason}") from error
+    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
+        raise AssetError(f"{path}: holds no triangles")
+    factor = _metres(mesh.units) if collada else 1.0
+    if factor != 1.0:
+        mesh.apply_scale(factor)
+    return mesh
+
+
+def _without_materials(path: Path) -> bytes:
+    """The bytes of a COLLADA file whose nodes have no materials: one broken reference there drops the whole node."""
+    from lxml import etree
+
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=True)
+    tree = etree.parse(path, parser)
+    for element in list(tree.iter("{*}bind_material")):
+        element.getparent().remove(element)
+    return bytes(etree.tostring(tree))
+
+
+def _metres(units: str | None) -> float:
+    """Metres that one unit is; 1 where it is unknown."""
+    from trimesh.units import unit_conversion
+
+    try:
+        return float(unit_conversion(units, "meters")) if units else 1.0
+    except KeyError:
+        return 1.0

@@ -1,0 +1,162 @@
+"""A description file and what it includes as one tree, every element of which knows its file and line."""
+
+from __future__ import annotations
+
+import os
+import posixpath
+import re
+from collections.abc import Mapping
+from errno import EISDIR, ENXIO
+from pathlib import Path
+from typing import Any
+
+from morphkit.errors import AssetError, DescriptionError
+from morphkit.io import xml
+from morphkit.io.resolve import resolve_asset
+from morphkit.io.xacro import expand
+from morphkit.validation.finding import Report
+
+MAX_INCLUDES = 1000
+_PLACE = re.compile(r"^(?P<file>.*?):(?P<line>\d+): (?P<reason>.*)$", re.DOTALL)
+
+
+class Document:
+    """A parsed description that reports what is wrong with it.
+
+    Attributes:
+        root: The root element, MJCF includes replaced by what they hold.
+        folder: The folder of the main file.
+        packages: Folder of each package that the user named.
+        report: Receives the findings.
+        complete: Whether every include could be followed; where not, unknown names prove nothing.
+    """
+
+    def __init__(self, root: Any, path: Path, report: Report, packages: Mapping[str, Path], *, lines: bool) -> None:
+        self.root = root
+        self.folder = path.parent
+        self.packages = packages
+        self.report = report
+        self.complete = True
+        self._lines = lines
+        self._file_of: dict[int, str] = {}
+        self._held: list[Any] = []  # keeps lxml's proxies alive, so that id() identifies an element
+        self._enter(root, report.file)
+        self._flatten(path)
+
+    def place(self, element: Any) -> tuple[str, int | None]:
+        """File and line of an element."""
+        return self._file_of.get(id(element), self.report.file), element.sourceline if self._lines else None
+
+    def add(self, rule: str, element: Any, message: str, *, name: str = "", fix: str = "") -> None:
+        """Report a finding at `element`."""
+        self.report.add(rule, self.place(element), message, element=name, fix=fix)
+
+    def locate(self, reference: str) -> Path:
+        """The file that `reference` means; AssetError where there is none."""
+        return resolve_asset(reference, self.folder, packages=self.packages)
+
+    def _enter(self, element: Any, file: str) -> None:
+        for each in element.iter():
+            self._held.append(each)
+            self._file_of[id(each)] = file
+
+    def _flatten(self, path: Path) -> None:
+        seen: set[Path] = set()
+        pending = [(element, self.folder) for element in self.root.iter("include")]
+        while pending:
+            element, base = pending.pop(0)
+            reference = element.get("file") or ""
+            found = self._read_include(element, reference, base, seen)
+            parent = element.getparent()
+            children = list(found[1]) if found is not None else []
+            if found is not None and parent is not None:
+                self._enter(found[1], self._shown(found[0]))
+                at = parent.index(element)
+                for offset, child in enumerate(children):
+                    parent.insert(at + offset, child)
+            else:
+                self.complete = False
+            if parent is not None:
+                parent.remove(element)
+            for child in children:
+                if isinstance(child.tag, str) and found is not None:
+                    pending += [(nested, found[0].parent) for nested in child.iter("include")]
+
+    def _shown(self, path: Path) -> str:
+        """What an included file is called in findings: its path as seen from where the main file's is."""
+        relative = os.path.relpath(path, self.folder.resolve())
+        return posixpath.join(posixpath.dirname(self.report.file), Path(relative).as_posix())
+
+    def _read_include(self, element: Any, reference: str, base: Path, seen: set[Path]) -> tuple[Path, Any] | None:
+        try:
+            path = self._locate_include(reference, base)
+        except AssetError as error:
+            self.add("include-missing", element, one_line(error))
+            return None
+        if path in seen or len(seen) >= MAX_INCLUDES:
+            self.add("include-repeated", element, f"{reference!r} is included again")
+            return None
+        seen.add(path)
+        try:
+            return path, xml.parse(xml.read_limited(path), file=path.name).getroot()
+        except OSError as error:
+            self.add("include-missing", element, f"{reference!r} cannot be read: {error.strerror}")
+        except DescriptionError as error:
+            _, line, reason = split_message(error)
+            self.report.add("xml-malformed", (self._shown(path), line), reason)
+        return None
+
+    def _locate_include(self, reference: str, base: Path) -> Path:
+        try:
+            return self.locate(reference)
+        except AssetError:
+            nested = (base / reference).resolve()
+            if nested.is_relative_to(self.folder.resolve()) and nested.is_file():
+                return nested
+            raise
+
+
+def open_document(path: Path, report: Report, packages: Mapping[str, Path]) -> Document | None:
+    """Parse a description file; None where it is none, which the report then says.
+
+    A `.xacro` file is expanded first; its findings name no lines, because those of the text it makes mean nothing.
+
+    Raises:
+        OSError: The file cannot be read.
+        DependencyError: The library that expands xacro is missing.
+    """
+    if not path.is_file():
+        raise IsADirectoryError(EISDIR, os.strerror(EISDIR)) if path.is_dir() else OSError(ENXIO, "no regular file")
+    try:
+        expanded = path.suffix == ".xacro"
+        source = expand(path, packages) if expanded else xml.read_limited(path)
+        tree = xml.parse(source, file=report.file)
+    except DescriptionError as error:
+        _, line, reason = split_message(error)
+        report.add("xml-malformed", (report.file, line), reason)
+        return None
+    try:
+        report.format = xml.root_format(tree, file=report.file)
+    except DescriptionError as error:
+        _, line, reason = split_message(error)
+        report.add("root-element", (report.file, line), reason)
+        return None
+    return Document(tree.getroot(), path, report, packages, lines=not expanded)
+
+
+def split_message(error: Exception) -> tuple[str, int | None, str]:
+    """Take the message of a DescriptionError apart: file, line, reason."""
+    match = _PLACE.match(str(error))
+    if match is None:
+        return "", None, one_line(error)
+    return match["file"], int(match["line"]), match["reason"]
+
+
+def one_line(error: Exception) -> str:
+    """The message of an error on one line."""
+    return " ".join(str(error).split())
+
+
+def elements(parent: Any, *tags: str) -> list[Any]:
+    """Child elements of `parent` with one of the tags, comments left out."""
+    return [child for child in parent if isinstance(child.tag, str) and (not tags or child.tag in tags)]

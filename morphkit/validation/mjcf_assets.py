@@ -1,0 +1,101 @@
+"""Checks of the files that an MJCF model refers to, and of masses beside its meshes."""
+
+from __future__ import annotations
+
+import posixpath
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from morphkit.cutting.defaults import Defaults
+from morphkit.cutting.frames import Angles, identity
+from morphkit.errors import AssetError
+from morphkit.validation.bodies import Shape, check_body
+from morphkit.validation.document import Document, elements, one_line
+from morphkit.validation.meshes import MeshFacts, MeshUse, corners
+
+_FILES = ("file", "fileback", "filedown", "filefront", "fileleft", "fileright", "fileup")
+_PLACED_BY = ("refpos", "refquat")
+
+
+def find_meshes(doc: Document) -> dict[str, MeshUse]:
+    """Return the meshes that are there by their name; files that are missing are reported."""
+    settings = {key: value for section in elements(doc.root, "compiler") for key, value in section.attrib.items()}
+    defaults = Defaults(doc.root)
+    meshes: dict[str, MeshUse] = {}
+    for asset in (each for section in elements(doc.root, "asset") for each in elements(section)):
+        own = "texturedir" if asset.tag == "texture" else "meshdir"
+        folder = settings.get(own, settings.get("assetdir", "")) if asset.tag != "model" else ""
+        for attribute in _FILES:
+            reference = asset.get(attribute)
+            if not reference or (attribute != "file" and asset.tag != "texture"):
+                continue
+            if settings.get("strippath") == "true":
+                reference = posixpath.basename(reference)
+            path = _find(doc, asset, posixpath.join(folder, reference))
+            if path is not None and asset.tag == "mesh":
+                name = asset.get("name") or Path(reference).stem
+                meshes[name] = _use(doc, asset, name, path, defaults)
+    return {name: use for name, use in meshes.items() if use.scale.all()}
+
+
+def _find(doc: Document, asset: Any, reference: str) -> Path | None:
+    try:
+        return doc.locate(reference)
+    except AssetError as error:
+        name = asset.get("name") or Path(reference).stem
+        doc.add("mesh-missing", asset, f"{asset.tag} {name!r}: {one_line(error)}", name=name)
+        return None
+
+
+def _use(doc: Document, asset: Any, name: str, path: Path, defaults: Defaults) -> MeshUse:
+    text = defaults.get(asset, "scale", "1 1 1")
+    try:
+        scale = np.array([float(word) for word in text.split()])
+    except ValueError:
+        scale = np.zeros(3)
+    if scale.shape != (3,) or not np.isfinite(scale).all() or not scale.all():
+        doc.add("mesh-scale-zero", asset, f"mesh {name!r} has scale {text}", name=name)
+        scale = np.zeros(3)
+    return MeshUse(asset, "", f"mesh {name!r}", path, scale, identity())
+
+
+def check_bodies(
+    doc: Document,
+    inertials: Mapping[Any, tuple[float, Any, Any]],
+    meshes: Mapping[str, MeshUse],
+    facts: Mapping[str, MeshFacts],
+) -> None:
+    """Report explicit masses and inertias that do not fit the meshes of their body."""
+    settings = {key: value for section in elements(doc.root, "compiler") for key, value in section.attrib.items()}
+    angles = Angles(settings.get("angle") == "radian", settings.get("eulerseq", "xyz"))
+    for inertial, (mass, centre, tensor) in inertials.items():
+        body = inertial.getparent()
+        geoms = elements(body, "geom")
+        if not geoms or any(geom.get("mesh") not in meshes for geom in geoms):
+            continue
+        shapes: list[Shape] = []
+        for geom in geoms:
+            use = meshes[geom.get("mesh")]
+            known = facts.get(str(use.path))
+            if known is None or known.problem or any(use.element.get(key) for key in _PLACED_BY):
+                shapes = []
+                break
+            try:
+                pose = angles.pose(geom)
+            except (ValueError, IndexError, TypeError):
+                shapes = []
+                break
+            volume = known.volume * float(abs(np.prod(use.scale)))
+            shapes.append(Shape(volume, corners(known.bounds, use.scale, pose)))
+        check_body(
+            doc,
+            inertial,
+            body.get("name") or "",
+            mass=mass,
+            centre=np.asarray(centre) if centre is not None else None,
+            tensor=tensor,
+            shapes=[shapes],
+        )

@@ -1,0 +1,231 @@
+"""Checks of the links of a URDF: masses, inertias, shapes and meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from morphkit.cutting.frames import Pose, identity, urdf_pose
+from morphkit.errors import AssetError
+from morphkit.validation.bodies import Shape, box, check_body
+from morphkit.validation.common import read_numbers
+from morphkit.validation.document import Document, elements, one_line
+from morphkit.validation.inertia import check_tensor, symmetric
+from morphkit.validation.meshes import MeshFacts, MeshUse, corners
+from morphkit.validation.urdf import UrdfTree
+
+_ONE, _THREE = range(1, 2), range(3, 4)
+_MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_SIZES = {"box": {"size": _THREE}, "sphere": {"radius": _ONE}, "cylinder": {"radius": _ONE, "length": _ONE}}
+_SIZES["capsule"] = _SIZES["cylinder"]
+_NOTABLE_SHARE = 0.02
+_MOVING = ("revolute", "continuous", "prismatic", "floating", "planar", "spherical")
+
+
+@dataclass
+class Inertial:
+    """Mass, centre of mass and tensor of a link, as far as they make sense.
+
+    Attributes:
+        element: The `<inertial>`.
+        mass: kg.
+        centre: Centre of mass in the link's frame, m.
+        tensor: Inertia about the centre of mass, kg*m^2; None where it is impossible or zero.
+        counts: Whether the link is a notable part of what it is fixed to.
+    """
+
+    element: Any
+    mass: float
+    centre: np.ndarray | None
+    tensor: np.ndarray | None = None
+    counts: bool = True
+
+
+def check_links(doc: Document, tree: UrdfTree) -> tuple[dict[str, Inertial], list[MeshUse]]:
+    """Report what is wrong with links by themselves; return their inertials and the meshes that are there."""
+    inertials: dict[str, Inertial] = {}
+    uses: list[MeshUse] = []
+    for name, link in tree.links.items():
+        inertial = _check_inertial(doc, name, link)
+        if inertial is not None:
+            inertials[name] = inertial
+    _mark_negligible(tree, inertials)
+    for name, link in tree.links.items():
+        if name in inertials:
+            inertials[name].tensor = _tensor(doc, name, inertials[name])
+        for part in elements(link, "visual", "collision"):
+            uses += _check_shape(doc, name, part)
+    for carrier, group in tree.groups():
+        if carrier is None or tree.joints[carrier].get("type") not in _MOVING:
+            continue
+        if not any(name in inertials for name in group):
+            first = tree.links[group[0]]
+            what = f"link {group[0]!r} on joint {carrier!r} has no mass"
+            doc.add("mass-missing", first, what, name=group[0])
+        parts = [part.tag for name in group for part in elements(tree.links[name], "visual", "collision")]
+        if "visual" in parts and "collision" not in parts:
+            doc.add("collision-missing", tree.links[group[0]], f"link {group[0]!r}", name=group[0])
+    return inertials, uses
+
+
+def _check_inertial(doc: Document, name: str, link: Any) -> Inertial | None:
+    """Return the link's inertial where it has a mass above zero."""
+    owner = f"link {name!r}"
+    element = next(iter(elements(link, "inertial")), None)
+    if element is None:
+        return None
+    mass: float | None = None
+    for each in elements(element, "mass"):
+        numbers = read_numbers(doc, each, "value", _ONE, owner=owner)
+        mass = numbers[0] if numbers is not None else None
+        if mass is not None and mass < 0:
+            doc.add("mass-negative", each, f"{owner} has mass {mass:g} kg", name=name)
+    pose = _pose(doc, element, owner)
+    centre = pose.position if pose is not None else None
+    if mass is None or mass <= 0:
+        return None
+    return Inertial(element, mass, centre)
+
+
+def _mark_negligible(tree: UrdfTree, inertials: Mapping[str, Inertial]) -> None:
+    """Links that stand for a frame get some grams and any inertia; the simulators that fuse links never see it."""
+    for _, group in tree.groups():
+        total = sum(inertials[name].mass for name in group if name in inertials)
+        for name in group:
+            if name in inertials:
+                inertials[name].counts = inertials[name].mass >= _NOTABLE_SHARE * total
+
+
+def _tensor(doc: Document, name: str, inertial: Inertial) -> np.ndarray | None:
+    owner, mass = f"link {name!r}", inertial.mass
+    for element in elements(inertial.element, "inertia"):
+        found = [read_numbers(doc, element, key, _ONE, owner=owner) for key in _MOMENTS]
+        missing = [key for key in _MOMENTS[:3] if element.get(key) is None]
+        if missing:
+            doc.add("number-invalid", element, f"<inertia> of {owner} lacks {', '.join(missing)}", name=name)
+            return None
+        if any(numbers is None and element.get(key) is not None for key, numbers in zip(_MOMENTS, found, strict=True)):
+            return None
+        tensor = symmetric(*(numbers[0] if numbers is not None else 0.0 for numbers in found))
+        proper = check_tensor(doc, element, tensor, mass=mass, owner=owner, name=name, counts=inertial.counts)
+        return tensor if proper else None
+    if inertial.counts:
+        doc.add("inertia-zero", inertial.element, f"{owner} has mass {mass:g} kg and no <inertia>", name=name)
+    return None
+
+
+def _check_shape(doc: Document, name: str, part: Any) -> list[MeshUse]:
+    """Check a visual or collision; return its mesh, if it has one that is there."""
+    owner = f"a {part.tag} of link {name!r}"
+    pose = _pose(doc, part, owner)
+    geometry = next(iter(elements(part, "geometry")), None)
+    shape = next(iter(elements(geometry)), None) if geometry is not None else None
+    if shape is None or shape.tag not in (*_SIZES, "mesh"):
+        what = f"{owner} has no <geometry>" if shape is None else f"{owner} has the unknown shape <{shape.tag}>"
+        doc.add("geometry-missing", part if shape is None else shape, what, name=name)
+        return []
+    for texture in part.iter("texture"):
+        _find(doc, texture, owner, name, decorates=True)
+    if shape.tag != "mesh":
+        for attribute, counts in _SIZES[shape.tag].items():
+            numbers = read_numbers(doc, shape, attribute, counts, owner=owner)
+            if shape.get(attribute) is None or (numbers is not None and min(numbers) <= 0):
+                what = f"{owner}: <{shape.tag}> has {attribute} {shape.get(attribute) or 'nowhere'}"
+                doc.add("geometry-size", shape, what, name=name)
+        return []
+    return _check_mesh(doc, name, part, shape, owner, pose)
+
+
+def _check_mesh(doc: Document, name: str, part: Any, shape: Any, owner: str, pose: Pose | None) -> list[MeshUse]:
+    scale = read_numbers(doc, shape, "scale", range(1, 4), owner=owner) or [1.0]
+    if 0.0 in scale or len(scale) == 2:
+        doc.add("mesh-scale-zero", shape, f"{owner} has scale {shape.get('scale')}", name=name)
+        return []
+    path = _find(doc, shape, owner, name, decorates=part.tag == "visual")
+    if path is None or pose is None:
+        return []
+    factors = np.array(scale if len(scale) == 3 else scale * 3)
+    return [MeshUse(shape, name, owner, path, factors, pose)]
+
+
+def _pose(doc: Document, element: Any, owner: str) -> Pose | None:
+    """The pose that the `<origin>` of an element gives; None where its numbers are wrong, which is then reported."""
+    origin = next(iter(elements(element, "origin")), None)
+    if origin is None:
+        return identity()
+    proper = [
+        read_numbers(doc, origin, key, _THREE, owner=owner) is not None or origin.get(key) is None
+        for key in ("xyz", "rpy")
+    ]
+    return urdf_pose(origin) if all(proper) else None
+
+
+def _find(doc: Document, element: Any, owner: str, name: str, *, decorates: bool) -> Path | None:
+    reference = element.get("filename") or ""
+    try:
+        return doc.locate(reference)
+    except AssetError as error:
+        rule = "mesh-missing-visual" if decorates else "mesh-missing"
+        doc.add(rule, element, f"{owner}: {one_line(error)}", name=name)
+        return None
+
+
+def check_masses(
+    doc: Document,
+    tree: UrdfTree,
+    inertials: Mapping[str, Inertial],
+    uses: Sequence[MeshUse],
+    facts: Mapping[str, MeshFacts],
+) -> None:
+    """Report masses and inertias that do not fit the shapes of their link."""
+    mesh_at = {id(use.element): use for use in uses}
+    for name, inertial in inertials.items():
+        if not inertial.counts:
+            continue
+        groups: list[list[Shape]] = []
+        for tag in ("visual", "collision"):
+            parts = elements(tree.links[name], tag)
+            shapes = [_shape(part, mesh_at, facts) for part in parts]
+            groups.append([shape for shape in shapes if shape is not None] if None not in shapes else [])
+        check_body(
+            doc,
+            inertial.element,
+            name,
+            mass=inertial.mass,
+            centre=inertial.centre,
+            tensor=inertial.tensor,
+            shapes=groups,
+        )
+
+
+def _shape(part: Any, mesh_at: Mapping[int, MeshUse], facts: Mapping[str, MeshFacts]) -> Shape | None:
+    """Volume and corners of a visual or collision; None where they are not known."""
+    shape = next(iter(part.iterfind("geometry/*")), None)
+    if shape is None:
+        return None
+    use = mesh_at.get(id(shape))
+    if use is not None:
+        known = facts.get(str(use.path))
+        if known is None or known.problem:
+            return None
+        volume = known.volume * float(abs(np.prod(use.scale)))
+        return Shape(volume, corners(known.bounds, use.scale, use.pose))
+    try:
+        pose = urdf_pose(next(iter(elements(part, "origin")), None))
+        radius, length = float(shape.get("radius", 0.0)), float(shape.get("length", 0.0))
+        if shape.tag == "box":
+            x, y, z = (float(word) / 2 for word in shape.get("size", "").split())
+            return box(8 * x * y * z, (x, y, z), pose)
+    except (ValueError, TypeError):
+        return None  # no numbers, which is reported
+    ball = 4 / 3 * np.pi * radius**3
+    if shape.tag == "sphere":
+        return box(ball, (radius, radius, radius), pose)
+    tube = np.pi * radius**2 * length
+    if shape.tag == "cylinder":
+        return box(tube, (radius, radius, length / 2), pose)
+    return box(tube + ball, (radius, radius, length / 2 + radius), pose) if shape.tag == "capsule" else None
