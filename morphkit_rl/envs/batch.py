@@ -20,16 +20,17 @@ from morphkit_rl.envs.reward import RewardPass
 from morphkit_rl.envs.stepping import Robot, Stepper
 from morphkit_rl.envs.tasks import Task
 
-_DIVERGED = 1e10  # MuJoCo's own bound on coordinates, velocities and accelerations
+_DIVERGED = 1e6  # in m, rad, m/s, rad/s: a substep of 0.1 ms at an acceleration that MuJoCo calls bad, 1e10, leads here
 
 
 class Episode(NamedTuple):
-    """A finished episode: index of robot and environment, sum of rewards, control steps."""
+    """A finished episode: index of robot and environment, sum of rewards, control steps, whether it diverged."""
 
     robot: int
     env: int
     episode_return: float
     length: int
+    diverged: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +74,7 @@ class BatchEnv:
 
     Attributes:
         specs: TokenSpec of each robot.
-        diverged: Episodes that ended because a state was not finite, int64 (robots,).
+        diverged: Episodes that ended because a coordinate or velocity was not finite or beyond 1e6, int64 (robots,).
 
     Raises:
         ConfigError: No robots, lists of different lengths, a task that `task_for` has not filled in, or a specification
@@ -180,7 +181,7 @@ class BatchEnv:
         self._length += 1
         truncated = (self._length >= self._max_length) & ~terminated
         done = terminated | truncated
-        episodes = self._end(done)
+        episodes = self._end(done, diverged)
         obs = self._restart(done) if episodes and self.autoreset else final
         final_obs = self._split_obs(final)
         return Step(
@@ -279,13 +280,14 @@ class BatchEnv:
         self._stepper.sense()
         return np.concatenate(parts)
 
-    def _end(self, done: np.ndarray) -> list[Episode]:
+    def _end(self, done: np.ndarray, diverged: np.ndarray | None) -> list[Episode]:
         """The episodes that ended; their counters start anew."""
         episodes = []
         for robot, mine in enumerate(self._envs if done.any() else ()):
             for env in np.flatnonzero(done[mine]):
                 at = mine.start + env
-                episodes.append(Episode(robot, int(env), float(self._return[at]), int(self._length[at])))
+                bad = diverged is not None and bool(diverged[at])
+                episodes.append(Episode(robot, int(env), float(self._return[at]), int(self._length[at]), bad))
         self._return[done] = self._length[done] = 0
         return episodes
 

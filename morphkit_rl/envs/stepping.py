@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import copy
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from typing import NamedTuple
 
 import mujoco
@@ -165,28 +165,31 @@ class Stepper:
 
     def advance_and_sense(self) -> None:
         """Advance all environments by a control step, then fill in all sensors."""
-        helpers = [self._threads.submit(share.advance_and_sense) for share in self._shares[1:]] if self._threads else []
-        self._shares[0].advance_and_sense()
-        for helper in helpers:
-            helper.result()
+        with _no_warnings():
+            helpers = [self._threads.submit(share.advance_and_sense) for share in self._shares[1:] if self._threads]
+            self._shares[0].advance_and_sense()
+            for helper in helpers:
+                helper.result()
 
     def sense(self) -> None:
         """Fill in all sensors."""
-        for share in self._shares:
-            share.sense()
+        with _no_warnings():
+            for share in self._shares:
+                share.sense()
 
     def sense_some(self, robot: Robot, which: np.ndarray) -> None:
         """Fill in the sensors of some of a robot's environments."""
         piece = next(piece for share in self._shares for piece in share.pieces if piece.robot is robot)
         out = np.empty((len(which), 1, robot.model.nsensordata))
-        self._shares[0].pool.rollout(
-            [robot.kinematics] * len(which),
-            piece.kinematics_data,
-            np.ascontiguousarray(robot.state[which]),
-            skip_checks=True,
-            nstep=1,
-            sensordata=out,
-        )
+        with _no_warnings():
+            self._shares[0].pool.rollout(
+                [robot.kinematics] * len(which),
+                piece.kinematics_data,
+                np.ascontiguousarray(robot.state[which]),
+                skip_checks=True,
+                nstep=1,
+                sensordata=out,
+            )
         robot.sensors[which] = out if robot.part is None else out[..., robot.part]
 
     def close(self) -> None:
@@ -195,6 +198,26 @@ class Stepper:
             self._threads.shutdown()
         for share in self._shares:
             share.pool.close()
+
+
+@contextmanager
+def _no_warnings() -> Iterator[None]:
+    """Keep MuJoCo from printing and from writing MUJOCO_LOG.TXT into the working folder, once a diverging substep.
+
+    Environments count what diverges. A handler that somebody set with `mujoco.set_mju_user_warning` stays.
+    """
+    if mujoco.get_mju_user_warning() is not None:
+        yield
+        return
+    mujoco.set_mju_user_warning(_ignore)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(None)
+
+
+def _ignore(warning: str) -> None:
+    """Do nothing."""
 
 
 def _switch_profiler_off() -> None:

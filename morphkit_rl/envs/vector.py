@@ -89,14 +89,20 @@ class MorphEnv(gym.Env[np.ndarray, np.ndarray]):
         return self._batch.reset()[0][0], {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Advance by one control step; the action is clipped to its bounds."""
+        """Advance by one control step; the action is clipped to its bounds.
+
+        The info of an episode's last step has its `return`, its `length`, and whether it ended because it `diverged`.
+        """
         step = self._batch.step([np.asarray(action)[None]])
+        info = {}
+        for episode in step.episodes:
+            info = {"return": episode.episode_return, "length": episode.length, "diverged": episode.diverged}
         return (
             step.final_obs[0][0],
             float(step.reward[0][0]),
             bool(step.terminated[0][0]),
             bool(step.truncated[0][0]),
-            {},
+            info,
         )
 
     def set_state(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
@@ -121,7 +127,8 @@ class MorphVectorEnv(gym.vector.VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Many environments of one robot, stepped together; an episode that ends restarts in the same step.
 
     `infos["final_obs"]` and `infos["final_info"]` then hold what the step led to, with the masks `_final_obs` and
-    `_final_info`, as in Gymnasium's own vector environments; `final_info` has the episode's `return` and `length`.
+    `_final_info`, as in Gymnasium's own vector environments; `final_info` has the episode's `return`, its `length`, and
+    whether it ended because it `diverged`.
 
     Args:
         robot: Shipped robot, recipe or path of a description file.
@@ -187,11 +194,17 @@ class MorphVectorEnv(gym.vector.VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if step.episodes:
             ended = step.terminated[0] | step.truncated[0]
             final_obs = np.full(self.num_envs, None, dtype=object)
-            returns, lengths = np.zeros(self.num_envs), np.zeros(self.num_envs, np.int64)
+            final_info: dict[str, np.ndarray] = {
+                "return": np.zeros(self.num_envs),
+                "length": np.zeros(self.num_envs, np.int64),
+                "diverged": np.zeros(self.num_envs, bool),
+            }
             for episode in step.episodes:
                 final_obs[episode.env] = step.final_obs[0][episode.env]
-                returns[episode.env], lengths[episode.env] = episode.episode_return, episode.length
-            final_info = {"return": returns, "_return": ended.copy(), "length": lengths, "_length": ended.copy()}
+                final_info["return"][episode.env] = episode.episode_return
+                final_info["length"][episode.env] = episode.length
+                final_info["diverged"][episode.env] = episode.diverged
+            final_info |= {f"_{key}": ended.copy() for key in final_info}
             infos = {
                 "final_obs": final_obs,
                 "_final_obs": ended.copy(),

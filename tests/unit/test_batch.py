@@ -33,6 +33,9 @@ UNUSUAL = b"""
 </mujoco>""".replace(b'<geom size=".1"/>\n', b'<geom size=".1"/><site name="s"/>\n', 1)
 
 
+FAMILIES = ("cheetah_5_back", "walker_6_main", "humanoid_2d_7_left_leg", "hopper_4")
+
+
 @cache
 def simulation(robot: str) -> Simulation:
     if robot == "unusual":
@@ -75,14 +78,22 @@ def test_shapes_and_types() -> None:
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
-def test_results_depend_neither_on_grouping_nor_on_threads(threads: int) -> None:
-    alone, together = (
-        batch(["walker"], num_threads=1, seed=4),
-        batch(["cheetah", "walker", "arm"], num_threads=threads, seed=4),
-    )
-    np.testing.assert_array_equal(alone.reset()[0], together.reset()[1])
-    first, second = roll(alone, 60)["walker"], roll(together, 60)["walker"]
-    np.testing.assert_array_equal(first, second)
+@pytest.mark.parametrize("observation", ["fixed", "legacy"])
+def test_results_depend_neither_on_grouping_nor_on_threads(threads: int, observation: str) -> None:
+    """Restarts included: episodes are short here."""
+    settings = {"task": {"episode_length": 23}, "seed": 4, "observation": observation}
+    together = batch([*FAMILIES, "arm"], [3, 2, 1, 5, 2], num_threads=threads, **settings)
+    starts = dict(zip(FAMILIES, together.reset(), strict=False))
+    seen = roll(together, 50)
+    order = [FAMILIES[3], FAMILIES[1]]
+    other = batch(order, [5, 2], num_threads=2, **settings)
+    for robot, start in zip(order, other.reset(), strict=True):
+        np.testing.assert_array_equal(start, starts[robot])
+    for robot, values in roll(other, 50).items():
+        np.testing.assert_array_equal(values, seen[robot])
+    alone = batch([FAMILIES[0]], 3, num_threads=1, **settings)
+    np.testing.assert_array_equal(alone.reset()[0], starts[FAMILIES[0]])
+    np.testing.assert_array_equal(roll(alone, 50)[FAMILIES[0]], seen[FAMILIES[0]])
 
 
 @pytest.mark.parametrize("robot", ["cheetah", "walker_4_main", "humanoid_2d", "hopper_3", "arm", "quadruped"])
@@ -179,25 +190,47 @@ def test_without_autoreset_an_ended_environment_stays() -> None:
     np.testing.assert_array_equal(step.obs[0], step.final_obs[0])
 
 
-def test_divergence_ends_one_episode_and_poisons_nothing() -> None:
-    env, calm = batch(["cheetah", "walker"]), batch(["cheetah", "walker"])
+@pytest.mark.parametrize("wild", [1e9, 5e7])
+@pytest.mark.parametrize("robot", FAMILIES)
+def test_divergence_ends_one_episode_and_poisons_nothing(robot: str, wild: float, tmp_path, monkeypatch, capfd) -> None:
+    monkeypatch.chdir(tmp_path)
+    env, calm = batch([robot, "walker"], [3, 2]), batch([robot, "walker"], [3, 2])
     for e in (env, calm):
         e.reset()
     qpos, qvel = env.state(0)
-    wild = qvel.copy()
-    wild[1] = 1e9
-    before = env.set_state(0, qpos, wild)
+    fast = qvel.copy()
+    fast[1] = wild
+    before = env.set_state(0, qpos, fast)
     calm.set_state(0, qpos, qvel)
-    actions = [np.zeros((2, 6)), np.zeros((2, 6))]
+    actions = [np.full((n, len(spec.actuators)), 0.2) for n, spec in zip((3, 2), env.specs, strict=True)]
     step, expected = env.step(actions), calm.step(actions)
-    np.testing.assert_array_equal(step.terminated[0], [False, True])
+    np.testing.assert_array_equal(step.terminated[0], [False, True, False])
     assert step.reward[0][1] == 0
     assert env.diverged.tolist() == [1, 0]
+    assert [(e.robot, e.env, e.length, e.episode_return, e.diverged) for e in step.episodes] == [(0, 1, 1, 0.0, True)]
     np.testing.assert_array_equal(step.final_obs[0][1], before[1])
-    np.testing.assert_array_equal(step.obs[0][0], expected.obs[0][0])
-    np.testing.assert_array_equal(step.obs[1], expected.obs[1])
-    assert all(np.isfinite(obs).all() for obs in step.obs)
-    assert np.isfinite(env.step(actions).reward[0]).all()
+    for _ in range(20):
+        np.testing.assert_array_equal(step.obs[0][[0, 2]], expected.obs[0][[0, 2]])
+        np.testing.assert_array_equal(step.obs[1], expected.obs[1])
+        np.testing.assert_array_equal(step.reward[1], expected.reward[1])
+        assert np.isfinite(step.obs[0]).all()
+        assert np.abs(step.reward[0]).max() < 100
+        step, expected = env.step(actions), calm.step(actions)
+    assert env.diverged.tolist() == [1, 0]
+    assert list(tmp_path.iterdir()) == []
+    assert capfd.readouterr() == ("", "")
+
+
+def test_warnings_still_reach_a_handler_of_ones_own() -> None:
+    env, heard = batch(["cheetah"]), []
+    qpos, qvel = env.state(0)
+    mujoco.set_mju_user_warning(heard.append)
+    try:
+        env.set_state(0, qpos, qvel + 1e9)
+        env.step([np.zeros((2, 6))])
+    finally:
+        mujoco.set_mju_user_warning(None)
+    assert "unstable" in heard[0]
 
 
 def test_actions_are_clipped_for_simulator_and_reward() -> None:

@@ -152,6 +152,29 @@ def test_single_environment_stays_at_its_last_state() -> None:
     assert env.unwrapped.state()[0][1] < 0.6
 
 
+@pytest.mark.parametrize("robot", ["cheetah", "walker", "humanoid_2d", "hopper"])
+def test_divergence_is_reported_and_poisons_nothing(robot: str, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    single = gymnasium.make(f"morphkit/{robot}-v0")
+    vector = gymnasium.make_vec(f"morphkit/{robot}-v0", num_envs=3)
+    single.reset(seed=0), vector.reset(seed=0)
+    qpos, qvel = vector.unwrapped.state()
+    qvel[1] = 1e9
+    single.unwrapped.set_state(qpos[1], qvel[1])
+    vector.unwrapped.set_state(qpos, qvel)
+    obs, reward, terminated, _, info = single.step(np.zeros(single.action_space.shape, np.float32))
+    assert np.isfinite(obs).all()
+    assert (reward, terminated, info) == (0.0, True, {"return": 0.0, "length": 1, "diverged": True})
+    assert np.isfinite(single.reset()[0]).all()
+    obs, reward, terminated, _, infos = vector.step(np.zeros(vector.action_space.shape, np.float32))
+    np.testing.assert_array_equal(terminated, [False, True, False])
+    np.testing.assert_array_equal(infos["final_info"]["diverged"], [False, True, False])
+    assert np.isfinite(obs).all()
+    assert np.isfinite(reward).all()
+    assert np.isfinite(infos["final_obs"][1]).all()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_import_registers_without_loading_torch_or_mujoco() -> None:
     code = (
         "import sys, gymnasium, morphkit_rl; "
