@@ -90,6 +90,7 @@ class _Shared:
 
     def __init__(self, description: Description, partial: bool) -> None:
         self._source = Source(description.source, file=description.file)
+        self._description = description
         self._layout: Layout | None = None
         self._bones = _bones(self._source.root, description)
         elements = body_elements(self._source.root)
@@ -100,7 +101,7 @@ class _Shared:
 
     def open(self, findings: tuple[Loss, ...]) -> MjcfFile:
         if self._layout is None:
-            self._layout = Layout(self._source.root)
+            self._layout = Layout(self._source.root, self._description)
         source = self._source.again()
         elements = zip(self._names, body_elements(source.root), strict=True)
         bodies = {name: element for name, element in elements if name is not None}

@@ -13,6 +13,9 @@ from lxml import etree
 
 from morphkit.cutting.loss import Loss
 from morphkit.cutting.tidy import detach, detach_emptied
+from morphkit.description import Description
+from morphkit.errors import AssetError
+from morphkit.io.resolve import locate
 
 _MESH_TYPES = ("mesh", "hfield", "sdf")
 _WIDTHS = {0: (7, 6), 1: (4, 3), 2: (1, 1), 3: (1, 1)}
@@ -26,7 +29,8 @@ class Layout:
     Elements are known by their number in document order, so that one layout serves every copy of the tree.
     """
 
-    def __init__(self, root: Any) -> None:
+    def __init__(self, root: Any, description: Description) -> None:
+        """Take the layout of the tree below `root`, which is that of `description`."""
         self._model: mujoco.MjModel | None = None
         self._names: dict[int, tuple[str, str]] = {}  # kind and name of each body, actuator and tendon
         if next(root.iterfind("keyframe/key"), None) is None:
@@ -40,10 +44,12 @@ class Layout:
                 self._names[number] = kind, twin.get("name")
         _strip(skeleton)
         try:
+            for part in skeleton.iterfind("asset/model[@file]"):
+                part.set("file", str(locate(part.get("file"), description)))
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # they are about the robot, not about its layout
                 self._model = mujoco.MjSpec.from_string(etree.tostring(skeleton, encoding="unicode")).compile()
-        except (ValueError, RuntimeError):
+        except (ValueError, RuntimeError, AssetError):
             self._model = None
 
     def number(self, root: Any) -> dict[int, int]:
@@ -167,9 +173,11 @@ def _strip(root: Any) -> None:
             element.attrib.pop(attribute, None)
         if element.get("type") in _MESH_TYPES:
             element.set("type", "sphere")
-        if element.tag == "geom" and element.get("size") is None and element.get("fromto") is None:
+        shaped = element.get("size") is not None or element.get("fromto") is not None
+        if element.tag == "geom" and not shaped and element.getparent().tag != "spatial":
             element.set("size", "0.1 0.1 0.1")
     for element in list(root.iterfind("deformable/skin")) + list(root.iterfind("default//material")):
         element.getparent().remove(element)
     # Stand-ins have no proper inertia; the last word of several compiler sections counts.
-    etree.SubElement(root, "compiler", boundmass="0.001", boundinertia="0.001", balanceinertia="true")
+    compiler = etree.SubElement(root, "compiler", boundmass="0.001", boundinertia="0.001", balanceinertia="true")
+    etree.SubElement(compiler, "lengthrange", mode="none")  # those of muscles take a simulation

@@ -101,6 +101,8 @@ def prune_references(root: Any, removed: Removed, bones: Bones) -> Iterator[Loss
             section = item.getparent()
             detach(item)
             detach_emptied(section)
+            if item.get("instance") is not None:
+                yield from _drop_instance(root, item, f"{own} {name or item.tag}", limb)
     yield from _drop_targets(root, removed)
 
 
@@ -142,6 +144,17 @@ def _references(element: Any) -> Iterator[tuple[str, str]]:
         name = element.get(name_attribute)
         if name is not None:
             yield element.get(kind_attribute, "").replace("xbody", "body"), name
+
+
+def _drop_instance(root: Any, user: Any, named: str, limb: str) -> Iterator[Loss]:
+    """Take out the plugin instance that `user` refers to where nothing else does: MuJoCo refuses one without a user."""
+    instance = user.get("instance")
+    if any(element.get("instance") == instance for element in root.iter()):
+        return
+    for element in list(root.iterfind("extension/plugin/instance")):
+        if element.get("name") == instance:
+            detach(element)
+            yield Loss("plugin", instance, limb, f"only {named} used it")
 
 
 def _drop_targets(root: Any, removed: Removed) -> Iterator[Loss]:
