@@ -7,7 +7,6 @@ names the newest. The replay is kept beside them, see `replay_files`.
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -21,19 +20,10 @@ from safetensors.numpy import load_file, save_file
 from torch import nn
 
 from morphkit.errors import CheckpointError, OutputError
+from morphkit_rl.files import write_text
 
 FORMAT_VERSION = 2
 _LATEST = "latest"
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file under a temporary name, flush it to disk and rename it."""
-    temporary = path.with_name(f".{path.name}.tmp")
-    with temporary.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
 
 
 def create_run(run: Path) -> None:

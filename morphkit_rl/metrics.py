@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from morphkit_rl.checkpoint import write_text
+from morphkit_rl.files import write_text
 
 
 def read_metrics(run: Path) -> list[dict[str, Any]]:
