@@ -211,6 +211,7 @@ def _robot_to_json(number: int, robot: Description) -> dict[str, Any]:
         "format": robot.format,
         "sha256": robot.sha256,
         "folder": str(robot.folder) if robot.folder else None,
+        "packages": {name: str(folder) for name, folder in robot.packages.items()},
         "root": robot.root,
         "info": asdict(robot.info),
     }
@@ -229,6 +230,7 @@ def _robot_from_json(run: Path, entry: Mapping[str, Any]) -> Description:
         folder=Path(entry["folder"]) if entry["folder"] else None,
         info=RobotInfo(**info),
         root=entry["root"],
+        packages={name: Path(folder) for name, folder in entry["packages"].items()},
     )
     if robot.sha256 != entry["sha256"]:
         raise CheckpointError(f"{run / 'robots' / entry['source']}: changed since the run began")
