@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import faulthandler
 import multiprocessing
 import os
 import signal
@@ -14,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from morphkit.errors import MorphkitError
@@ -161,9 +163,11 @@ def _serve(connection: Connection, inherited: list[Connection], setup: Callable[
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers
     for other in inherited:
         other.close()
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
-    os.dup2(nowhere, 2)
+    faulthandler.disable()  # the parent says that a worker crashed
+    nowhere = Path(os.devnull).open("w")  # noqa: SIM115 - for the life of the process
+    os.dup2(nowhere.fileno(), 1)  # what the simulator's C code prints
+    os.dup2(nowhere.fileno(), 2)
+    sys.stdout = sys.stderr = nowhere
     handle = setup()
     while True:
         try:

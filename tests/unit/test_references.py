@@ -45,7 +45,7 @@ TENDONS = b"""<mujoco>
     </body>
   </worldbody>
   <tendon>
-    <spatial name="wrapped"><site site="socket"/><geom geom="drum" sidesite="drum_side"/><site site="rod_end"/></spatial>
+    <spatial name="wrap"><site site="socket"/><geom geom="drum" sidesite="drum_side"/><site site="rod_end"/></spatial>
     <spatial name="around_rod"><site site="socket"/><geom geom="rod"/><site site="slider_site"/></spatial>
     <spatial name="beside_rod"><site site="post"/><geom geom="drum" sidesite="rod_side"/><site site="palm"/></spatial>
     <spatial name="pulleys">
@@ -215,6 +215,6 @@ def test_limbs_of_an_attached_model_are_cut_in_mujocos_output(tmp_path: Path, pl
     (tmp_path / "arm.xml").write_bytes(ARM)
     variant = ablate(mjcf(CARRIER, folder=tmp_path), remove=["left_arm"])
     assert variant.limbs == ("base", "wheel", "rudder")
-    assert [loss.kind for loss in variant.lost][0] == "format"
+    assert variant.lost[0].kind == "format"
     model = plain_spec(variant.description).compile()
     assert list(model.key("home").qpos) == [0.1, 0.3]
