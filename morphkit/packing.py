@@ -76,6 +76,9 @@ class Packer:
     def _copy(self, asset: Asset) -> str:
         """Copy a file; return the place of the copy."""
         assert asset.path is not None
+        known = next((place for place, path in self._paths.items() if path == asset.path), None)
+        if asset.place is None and known is not None:
+            return known
         place = asset.place or PurePosixPath(_OUTSIDE) / asset.path.name
         number = 1
         while self._paths.setdefault(place.as_posix(), asset.path) != asset.path:
