@@ -14,6 +14,7 @@ from morphkit.assets import Asset, Mention, find_asset, find_assets, mentions, p
 from morphkit.cutting.loss import Loss
 from morphkit.cutting.source import Source
 from morphkit.description import Description
+from morphkit.io.xml import parse
 
 AssetMode = Literal["copy", "reference"]
 _OUTSIDE = "assets"
@@ -41,18 +42,21 @@ class Packer:
         Returns:
             The bytes of the description as it has to be written; what is missing and what was rewritten.
         """
-        source = Source(description.source, file=description.file)
-        found = {each.reference: find_asset(each.reference, description) for each in mentions(source.root)}
+        named = list(mentions(parse(description.source, file=description.file).getroot()))
+        found = {each.reference: find_asset(each.reference, description) for each in named}
         lost = [Loss("asset", name, "", asset.problem) for name, asset in found.items() if asset.path is None]
-        for each in mentions(source.root):
+        for each in named:
             path = found[each.reference].path
             if each.element.tag == "model" and path is not None and self._mode == "copy":
                 lost += self._copy_parts(path, PurePosixPath(self._copy(found[each.reference])).parent)
         target: Callable[[Asset], str] = self._reference if self._mode == "reference" else self._copy
         targets = {name: target(asset) for name, asset in found.items() if asset.path is not None}
-        rewritten = list(_rewrite(source.root, targets, in_place=self._mode == "copy"))
-        lost += rewritten if self._mode == "copy" else []
-        return (source.render() if rewritten else description.source), lost
+        in_place = self._mode == "copy"
+        if all(each.reference not in targets or _right(each, targets, in_place) for each in named):
+            return description.source, lost
+        source = Source(description.source, file=description.file)
+        rewritten = list(_rewrite(source.root, targets, in_place=in_place))
+        return source.render(), [*lost, *(rewritten if in_place else [])]
 
     def _copy_parts(self, model: Path, place: PurePosixPath) -> Iterator[Loss]:
         """Copy the assets of a model to attach, which lie where that model's file says, to stand below `place`."""
@@ -95,8 +99,6 @@ class Packer:
 def _rewrite(root: Any, targets: dict[str, str], *, in_place: bool) -> Iterator[Loss]:
     """Write `targets`, by reference, into the file's attributes wherever they are not what stands there already."""
     wrong = [each for each in mentions(root) if each.reference in targets and not _right(each, targets, in_place)]
-    if not wrong:
-        return
     if root.tag == "mujoco":
         # Names below a folder cannot lead out of it where it does not exist: all names are written out, without one.
         wrong = [each for each in mentions(root) if each.reference in targets or each.folder]

@@ -29,6 +29,7 @@ class Source:
     def __init__(self, source: bytes, *, file: str, offsets: list[Span] | None = None) -> None:
         self._source = source
         self._file = file
+        self._crlf = b"\r\n" in source
         self._tree = parse(source, file=file)
         self.root: Any = self._tree.getroot()
         self._encoding = (self._tree.docinfo.encoding or "utf-8").lower()
@@ -87,7 +88,7 @@ class Source:
         return edited
 
     def _bytes(self, text: str) -> bytes:
-        if b"\r\n" in self._source:
+        if self._crlf:
             text = text.replace("\n", "\r\n")
         return text.encode(self._encoding, "xmlcharrefreplace")
 
