@@ -14,7 +14,7 @@ import typer
 
 from morphkit.errors import MorphkitError, TrainingError
 
-from . import ablate, benchmark, benchmark_run, diff, evaluate, robots, tokens, train
+from . import ablate, benchmark, benchmark_random, benchmark_run, check, convert, diff, evaluate, robots, show, tokens, train
 
 INTERRUPTED = 130
 
@@ -56,13 +56,17 @@ def _register(name: str, command: Callable[..., None], examples: Sequence[str], 
 _register("robots", robots.robots, robots.EXAMPLES)
 _register("tokens", tokens.tokens, tokens.EXAMPLES)
 _register("ablate", ablate.ablate, ablate.EXAMPLES)
+_register("check", check.check, check.EXAMPLES)
+_register("convert", convert.convert, convert.EXAMPLES)
 _register("diff", diff.diff, diff.EXAMPLES)
+_register("show", show.show, show.EXAMPLES)
 _register("train", train.train, train.EXAMPLES)
 _register("evaluate", evaluate.evaluate, evaluate.EXAMPLES)
 
 _benchmark = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
 app.add_typer(_benchmark, name="benchmark", help="The modular-rl benchmark: 32 bodies, 8 tasks, 3 splits.")
 _register("robots", benchmark.robots, benchmark.ROBOTS_EXAMPLES, to=_benchmark)
+_register("random", benchmark_random.random, benchmark_random.EXAMPLES, to=_benchmark)
 _register("run", benchmark_run.run, benchmark_run.EXAMPLES, to=_benchmark)
 _register("status", benchmark.status, benchmark.STATUS_EXAMPLES, to=_benchmark)
 _register("report", benchmark.report, benchmark.REPORT_EXAMPLES, to=_benchmark)
@@ -102,6 +106,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit code: 0 fine, 1 findings or a failed run, 2 wrong usage or bad input, 130 interrupted.
     """
+    # Threads of PyTorch that wait would otherwise spin, and starve each other where another process wants the cores.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     try:
         # Outside its standalone mode Typer returns the code of an Exit and leaves usage errors to us.
         code = app(args=arguments, standalone_mode=False)

@@ -10,6 +10,8 @@ import numpy as np
 from morphkit_rl.actions import ActionScale
 from morphkit_rl.envs.batch import BatchEnv
 
+RESAMPLES = 10_000
+
 Act = Callable[[list[np.ndarray]], Sequence[np.ndarray]]
 """Observations, one (environments, tokens) a robot, to controls, one (environments, actuators) a robot."""
 
@@ -50,6 +52,14 @@ def random_controller(env: BatchEnv, seed: int) -> Act:
         return [scale.to_controls(values) for scale, values in zip(scales, drawn, strict=True)]
 
     return act
+
+
+def mean_interval(returns: Sequence[float]) -> tuple[float, float]:
+    """95 % percentile bootstrap interval of the mean return, the same for the same returns."""
+    values = np.asarray(returns)
+    means = np.random.default_rng(0).choice(values, (RESAMPLES, len(values))).mean(1)
+    low, high = np.percentile(means, [2.5, 97.5])
+    return float(low), float(high)
 
 
 def normalised(value: float, random: float, expert: float | None) -> float | None:

@@ -17,11 +17,9 @@ from morphkit.morphology import Base
 from morphkit.simulation import Simulation
 from morphkit_rl import runs
 from morphkit_rl.envs.batch import BatchEnv
-from morphkit_rl.episodes import normalised, play, random_controller
+from morphkit_rl.episodes import mean_interval, normalised, play, random_controller
 from morphkit_rl.policy import Policy
 from morphkit_rl.robots import Robot
-
-RESAMPLES = 10_000
 
 
 @dataclass(frozen=True)
@@ -62,11 +60,7 @@ class RobotResult:
     @cached_property
     def random_interval(self) -> tuple[float, float]:
         """95 % percentile bootstrap interval of the random policy's mean return."""
-        returns = np.asarray(self.random_returns)
-        rng = np.random.default_rng(0)
-        means = rng.choice(returns, (RESAMPLES, len(returns))).mean(1)
-        low, high = np.percentile(means, [2.5, 97.5])
-        return float(low), float(high)
+        return mean_interval(self.random_returns)
 
     @property
     def beats_random(self) -> bool:
