@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
+from itertools import islice
 
 from morphkit.description import RobotInfo
 from morphkit.errors import DescriptionError, UnknownNameError
+from morphkit.io.limits import abridged
+
+_COMPARED, _MANY = 100, 2000
 
 
 def limb_type(info: RobotInfo, body: str, joints: Iterable[str]) -> str | None:
@@ -24,18 +28,27 @@ def limb_type(info: RobotInfo, body: str, joints: Iterable[str]) -> str | None:
     return None
 
 
-def unique(name: str, taken: Collection[str]) -> str:
-    """Return `name`, or `name_2`, `name_3`, ... where it is taken."""
-    candidate, number = name, 1
-    while candidate in taken:
-        number += 1
-        candidate = f"{name}_{number}"
-    return candidate
+class Names:
+    """Names given out so far; one that is taken gets a number: `foot`, `foot_2`, `foot_3`."""
+
+    def __init__(self, taken: Iterable[str] = ()) -> None:
+        self._taken = set(taken)
+        self._numbers: dict[str, int] = {}
+
+    def give(self, name: str) -> str:
+        """Return `name`, or the first of `name_2`, `name_3`, ... that is free, and take it."""
+        candidate, number = name, self._numbers.get(name, 1)
+        while candidate in self._taken:
+            number += 1
+            candidate = f"{name}_{number}"
+        self._numbers[name] = number
+        self._taken.add(candidate)
+        return candidate
 
 
 def nearest(name: str, names: Iterable[str]) -> str:
-    """Return `; did you mean 'x'?` for the name closest to `name`, or nothing."""
-    close = difflib.get_close_matches(name, list(names), n=1)
+    """Return `; did you mean 'x'?` for the name closest to `name`, or nothing; of many names the first are compared."""
+    close = difflib.get_close_matches(name[:_COMPARED], islice(names, _MANY), n=1)
     return f"; did you mean {close[0]!r}?" if close else ""
 
 
@@ -52,7 +65,7 @@ def choose_root(roots: Sequence[str], wanted: str | None, *, file: str, element:
         UnknownNameError: `wanted` is not among them.
         DescriptionError: There are several and `wanted` is None.
     """
-    listed = ", ".join(roots)
+    listed = abridged(roots)
     if wanted is not None:
         if wanted not in roots:
             raise UnknownNameError(

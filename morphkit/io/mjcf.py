@@ -11,11 +11,13 @@ import numpy as np
 from lxml import etree
 
 from morphkit.description import Description
-from morphkit.errors import AssetError, DescriptionError
+from morphkit.errors import DescriptionError
 from morphkit.io import xml
 from morphkit.io.actuators import Where, is_limited, joint_range, read_actuators
-from morphkit.io.common import choose_root, limb_type, unique
-from morphkit.io.resolve import flatten_includes, locate
+from morphkit.io.attached import locate_models
+from morphkit.io.common import Names, choose_root, limb_type
+from morphkit.io.limits import check_mjcf
+from morphkit.io.resolve import flatten_includes
 from morphkit.io.sensors import read_sensors
 from morphkit.morphology import Base, Joint, JointKind, Limb, Morphology
 
@@ -81,10 +83,12 @@ def _parse(description: Description) -> tuple[mujoco.MjSpec, Where]:
     tree = xml.parse(description.source, file=file)
     if xml.root_format(tree, file=file) != "mjcf":
         raise DescriptionError(f"{file}:{tree.getroot().sourceline}: a URDF file, expected MJCF")
+    check_mjcf(tree.getroot(), file=file)
     edited = next(tree.iter("include", "model"), None) is not None  # then MuJoCo's line numbers are not the file's
     if edited:
         flatten_includes(tree, description.folder, file=file, packages=description.packages)
-        _locate_models(tree, description)
+        check_mjcf(tree.getroot(), file=file)
+        locate_models(tree, description)
         text = etree.tostring(tree.getroot(), encoding="unicode")
     else:
         text = xml.decode(description.source, tree)
@@ -102,36 +106,24 @@ def _parse(description: Description) -> tuple[mujoco.MjSpec, Where]:
     return spec, where
 
 
-def _locate_models(tree: etree._ElementTree, description: Description) -> None:
-    """Make the paths of models to attach absolute, in place; MuJoCo reads those while it parses."""
-    for model in tree.iterfind("asset/model[@file]"):
-        try:
-            model.set("file", str(locate(model.get("file") or "", description)))
-        except AssetError as error:
-            raise AssetError(f"{description.file}:{model.sourceline}: {error}") from None
-
-
 def name_elements(spec: mujoco.MjSpec) -> None:
     """Give every unnamed body, joint and actuator of `spec` its deterministic name, in place.
 
     A body is called `body_<id>` by its id in the compiled model, a joint `<body>_joint`, an actuator after what it
     drives; a number is added where the name is taken.
     """
-    taken = {body.name for body in spec.bodies}
+    names = Names(body.name for body in spec.bodies)
     for number, body in enumerate(spec.bodies):
         if not body.name:
-            body.name = unique(f"body_{number}", taken)
-            taken.add(body.name)
-    taken = {joint.name for joint in spec.joints}
+            body.name = names.give(f"body_{number}")
+    names = Names(joint.name for joint in spec.joints)
     for joint in spec.joints:
         if not joint.name:
-            joint.name = unique(f"{joint.parent.name}_joint", taken)
-            taken.add(joint.name)
-    taken = {actuator.name for actuator in spec.actuators}
+            joint.name = names.give(f"{joint.parent.name}_joint")
+    names = Names(actuator.name for actuator in spec.actuators)
     for actuator in spec.actuators:
         if not actuator.name:
-            actuator.name = unique(actuator.target or "actuator", taken)
-            taken.add(actuator.name)
+            actuator.name = names.give(actuator.target or "actuator")
 
 
 def subtree(root: Any) -> Iterator[Any]:

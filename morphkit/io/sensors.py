@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import mujoco
 
-from morphkit.io.common import unique
+from morphkit.io.common import Names
+from morphkit.io.limits import READINGS
 from morphkit.morphology import Reading, Sensor
 
 _OBJ = mujoco.mjtObj
@@ -77,23 +79,24 @@ _NEVER_CUT = ("contact", "geomfromto", "ballquat", "framequat", "framexaxis", "f
 def read_sensors(spec: mujoco.MjSpec, limb_of: Mapping[str, str]) -> tuple[Sensor, ...]:
     """Return the declared sensors in file order, without those of other top-level bodies.
 
-    A sensor whose number of readings only MuJoCo's compiler knows (`plugin`, `tactile`) has none here.
+    A sensor whose number of readings only MuJoCo's compiler knows (`plugin`, `tactile`), or that has more than 10,000,
+    has none here.
 
     Args:
         spec: The parsed model; its bodies, joints and actuators are all named.
         limb_of: Body name -> limb name, for the bodies of the robot.
     """
     found = []
-    taken = {sensor.name for sensor in spec.sensors}
+    names = Names(sensor.name for sensor in spec.sensors)
     for sensor in spec.sensors:
         kind = sensor.type.name.removeprefix("mjSENS_").lower()
         body = _body_of(spec, sensor.objtype, sensor.objname)
         if body is not None and body not in limb_of and body != "world":
             continue
-        name = sensor.name or unique("_".join(part for part in (kind, sensor.objname) if part), taken)
-        taken.add(name)
+        name = sensor.name or names.give("_".join(part for part in (kind, sensor.objname) if part))
         limb = limb_of.get(body) if body is not None else None
-        found.append(Sensor(name, kind, limb, tuple(_readings(spec, sensor, kind))))
+        readings = tuple(islice(_readings(spec, sensor, kind), READINGS + 1))
+        found.append(Sensor(name, kind, limb, readings if len(readings) <= READINGS else ()))
     return tuple(found)
 
 

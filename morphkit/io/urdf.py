@@ -13,7 +13,8 @@ from lxml import etree
 from morphkit.description import Description
 from morphkit.errors import DescriptionError
 from morphkit.io import xml
-from morphkit.io.common import choose_root, limb_type, unique
+from morphkit.io.common import Names, choose_root, limb_type
+from morphkit.io.limits import check_count
 from morphkit.io.urdf_checks import check_urdf
 from morphkit.io.urdf_sensors import read_sensors
 from morphkit.morphology import Actuator, Base, Joint, JointKind, Limb, Morphology
@@ -43,6 +44,7 @@ def read_urdf(description: Description) -> Morphology:
     tree = xml.parse(description.source, file=file)
     if xml.root_format(tree, file=file) != "urdf":
         raise DescriptionError(f"{file}:{tree.getroot().sourceline}: an MJCF file, expected URDF")
+    check_count(tree.getroot(), "link", file=file)
     roots = check_urdf(tree, file=file)
     robot = _robot(tree, file)
     below: dict[str, list[Any]] = {}
@@ -158,15 +160,13 @@ def _actuators(tree: etree._ElementTree, robot: Any, limb_joints: dict[str, tupl
     if not transmissions:
         transmissions = [(joint.name, joint.name) for joint in robot.joints if _effort(joint) > 0]
     found: list[Actuator] = []
-    taken: set[str] = set()
+    names = Names()
     for name, joint_name in transmissions:
         if joint_name not in limb_joints or described[joint_name].mimic is not None:
             continue
         limb, joint = limb_joints[joint_name]
         effort = _effort(described[joint_name]) or math.inf
-        name = unique(name, taken)
-        taken.add(name)
-        found.append(Actuator(name, limb, joint_name, -effort, effort, _UNITS[joint.kind]))
+        found.append(Actuator(names.give(name), limb, joint_name, -effort, effort, _UNITS[joint.kind]))
     return tuple(found)
 
 

@@ -110,9 +110,11 @@ def _refuse_cycles(parent_of: dict[str, str], joint_of: dict[str, etree._Element
         link: str | None = start
         while link is not None and link not in safe:
             if link in path:
-                ring = list(path)[list(path).index(link) :]
-                joint = joint_of[max(ring, key=list(joint_of).index)]  # the last in the file
-                loop = " -> ".join(reversed([*ring, link]))
+                ring = list(path)
+                ring = ring[ring.index(link) :]
+                in_ring = set(ring)
+                joint = [joint for child, joint in joint_of.items() if child in in_ring][-1]
+                loop = " -> ".join(reversed([*ring, link])) if len(ring) < 20 else f"{len(ring)} links from {link!r}"
                 raise DescriptionError(
                     f"{file}:{joint.sourceline}: links form a cycle: {loop}; a URDF is a tree, remove joint"
                     f" {joint.get('name')!r} or another of the cycle"

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from lxml import etree
 
-from morphkit.io.common import unique
+from morphkit.io.common import Names
 from morphkit.morphology import Reading, Sensor
 
 _PLACING = ("parent", "origin")
@@ -29,7 +29,7 @@ def read_sensors(tree: etree._ElementTree, limb_of: Mapping[str, str]) -> Iterat
         for joint in root.iterchildren("joint")
         if (child := joint.find("child")) is not None
     }
-    taken: set[str] = set()
+    names = Names()
     for element, reference in _elements(root):
         link = reference if reference in links else child_of.get(reference, reference)
         if link in links and link not in limb_of:
@@ -37,8 +37,7 @@ def read_sensors(tree: etree._ElementTree, limb_of: Mapping[str, str]) -> Iterat
         kind = element.get("type") or next(
             (child.tag for child in element if isinstance(child.tag, str) and child.tag not in _PLACING), ""
         )
-        name = unique(element.get("name") or "sensor", taken)
-        taken.add(name)
+        name = names.give(element.get("name") or "sensor")
         yield Sensor(name, kind, limb_of.get(link), tuple(_readings(kind, link or None)))
 
 

@@ -10,6 +10,7 @@ from typing import Any, cast
 from lxml import etree
 
 from morphkit.errors import DescriptionError
+from morphkit.io import limits
 from morphkit.morphology import Format
 
 MAX_BYTES = 64 * 1024 * 1024
@@ -57,6 +58,8 @@ def parse(source: bytes, *, file: str) -> etree._ElementTree:
         raise DescriptionError(f"{file}:1: the file is empty; expected a URDF (<robot>) or MJCF (<mujoco>) description")
     if len(source) > MAX_BYTES:
         raise _size_error(file, len(source))
+    if source.count(b"<") > limits.ELEMENTS:
+        raise DescriptionError(f"{file}: more than the limit of {limits.ELEMENTS:,} tags and comments")
     wide = source.startswith(_UTF16_MARKS)
     if not wide and b"\0" in source:
         line = source.count(b"\n", 0, source.index(b"\0")) + 1
@@ -71,6 +74,8 @@ def parse(source: bytes, *, file: str) -> etree._ElementTree:
         fatal = _first_serious(parser)
         reason = " ".join((fatal.message if fatal is not None else error.msg or "unknown error").split())
         line = (fatal.line if fatal is not None else error.lineno) or 1
+        if "Buffer size" in reason or ("Resource limit" in reason and "depth" not in reason):
+            raise DescriptionError(f"{file}:{line}: a tag, attribute or text of more than 10 MB") from None
         if "depth" in reason:
             raise DescriptionError(
                 f"{file}:{line}: elements are nested deeper than 256; a robot description is flatter"
@@ -82,6 +87,7 @@ def parse(source: bytes, *, file: str) -> etree._ElementTree:
         raise DescriptionError(f"{file}:1: cannot be read as XML: {error}; save the file as UTF-8") from None
     if tree.docinfo.internalDTD is not None:
         raise _doctype_error(file, 1)
+    limits.check_size(tree.getroot(), file=file)
     parser = tree.parser  # the one that made the tree, and stays with it
     if not wide:
         parser.prolog = prolog

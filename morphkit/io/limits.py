@@ -1,0 +1,124 @@
+"""Limits for files from strangers, far above those of real robots: what is larger is refused before it costs time.
+
+MuJoCo allocates what a few attributes ask for, and its parser and compiler follow some of them without end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from morphkit.errors import DescriptionError
+
+ELEMENTS = 1_000_000
+"""Tags and comments of a file."""
+BODIES = 20_000
+"""Bodies or links, those that `replicate`, `composite` and `flexcomp` make included."""
+NAME_LENGTH = 1000
+NUMBERS = 2**26
+"""Numbers that one attribute may make MuJoCo allocate: pixels, heights, user data."""
+READINGS = 10_000
+"""Readings of one declared sensor; one with more is taken for an image."""
+
+_NAMES = ("name", "link", "joint", "body", "class", "childclass", "mesh", "prefix")
+_COUNTS: Mapping[str, tuple[tuple[str, ...], ...]] = {
+    "hfield": (("nrow", "ncol"),),
+    "texture": (("width", "height"),),
+    "numeric": (("size",),),
+    "user": (("dim",),),
+    "camera": (("resolution",),),
+    "contact": (("num",),),
+    "size": tuple((key,) for key in ("nuserdata", "nkey", "njmax", "nconmax", "nstack")),
+}
+_NUSER = "nuser_"
+
+
+def check_size(root: Any, *, file: str) -> None:
+    """Refuse a tree with too long a name.
+
+    Raises:
+        DescriptionError: With the line, and what the limit is.
+    """
+    for element in root.iter("*"):
+        for key in _NAMES:
+            if len(element.get(key, "")) > NAME_LENGTH:
+                raise DescriptionError(
+                    f"{file}:{element.sourceline}: <{element.tag}> has a {key} of {len(element.get(key)):,} characters;"
+                    f" the limit is {NAME_LENGTH:,}"
+                )
+
+
+def check_count(root: Any, tag: str, *, file: str) -> None:
+    """Refuse more than 20,000 bodies or links; DescriptionError."""
+    count = _made(root) if tag == "body" else sum(1 for _ in root.iterchildren(tag))
+    if count > BODIES:
+        raise DescriptionError(f"{file}: makes {count:,} {tag} elements; the limit is {BODIES:,}")
+
+
+def check_mjcf(root: Any, *, file: str) -> None:
+    """Refuse an MJCF tree that makes MuJoCo allocate or expand without measure, or that holds undefined numbers.
+
+    Raises:
+        DescriptionError: With the line, and what the limit is.
+    """
+    check_count(root, "body", file=file)
+    for element in root.iter("*"):
+        for key, value in element.attrib.items():
+            if "nan" in value.lower() and _is_undefined(value):
+                raise DescriptionError(
+                    f'{file}:{element.sourceline}: {key}="{value}" in <{element.tag}>: NaN is no number'
+                )
+    for element in root.iter(*_COUNTS):
+        keys = _COUNTS[element.tag]
+        if element.tag == "size":
+            keys = (*keys, *((key,) for key in element.attrib if key.startswith(_NUSER)))
+        for group in keys:
+            numbers = [number for key in group for number in _integers(element.get(key))]
+            if math.prod(numbers) > NUMBERS or any(abs(number) > 2**31 - 1 for number in numbers):
+                shown = " ".join(f'{key}="{element.get(key)}"' for key in group)
+                raise DescriptionError(
+                    f"{file}:{element.sourceline}: <{element.tag} {shown}> asks for more than {NUMBERS:,} numbers"
+                )
+
+
+def abridged(names: Sequence[str], most: int = 50) -> str:
+    """`a, b, c`, or the first `most` of them and how many others there are."""
+    shown = ", ".join(names[:most])
+    return shown if len(names) <= most else f"{shown} and {len(names) - most:,} others"
+
+
+def _is_undefined(text: str) -> bool:
+    try:
+        return any(math.isnan(float(word)) for word in text.split())
+    except ValueError:
+        return False
+
+
+def _made(root: Any) -> int:
+    """How many bodies the tree makes; `replicate` multiplies, `composite` and `flexcomp` make one a point at most."""
+    total = 0
+    for element in root.iter("body", "composite", "flexcomp"):
+        own = 1 if element.tag == "body" else math.prod(_integers(element.get("count")))
+        total += own * math.prod(_replicas(element.iterancestors("replicate")))
+        if total > BODIES:
+            break
+    return max(total, *(math.prod(_replicas([leaf])) for leaf in root.iter("replicate")), 0)
+
+
+def _replicas(elements: Iterable[Any]) -> Iterator[int]:
+    for element in elements:
+        yield max([1, *_integers(element.get("count"))])
+
+
+def _integers(text: str | None) -> list[int]:
+    """The numbers of an attribute, each at least 1 and at most 10^18; what is none is MuJoCo's to complain about."""
+    numbers = []
+    for word in (text or "").split():
+        try:
+            value = float(word)
+        except ValueError:
+            continue
+        if math.isfinite(value):
+            numbers.append(int(min(max(abs(value), 1.0), 1e18)))
+    return numbers
