@@ -97,6 +97,8 @@ def test_bad_training_input_leaves_nothing_behind(morphkit: Run, tmp_path: Path)
         (("train", "hopper", "--run", "run", "--task", "swimming"), "swimming"),
         (("train", "hopper", "--run", "run", "--hold-out", "hoper"), "did you mean"),
         (("train", "hopper", "--run", "run", "--hold-out", "hopper"), "no robot is left"),
+        (("train", "hopper", "arm", "--run", "run", "--validate", "arm"), "evaluate_steps"),
+        (("train", "hopper", "arm", "--run", "run", "--set", "model.method=amorpheus"), "limb-former can control"),
         (("train", "--run", "run", "--resume"), "no such run folder"),
         (("evaluate", "run", "hopper"), "no such run folder"),
     ):
@@ -112,3 +114,34 @@ def test_a_checkpoint_cut_short_is_named(morphkit: Run, tmp_path: Path) -> None:
     policy.write_bytes(policy.read_bytes()[:-100])
     for arguments in (("evaluate", "run", "hopper"), ("train", "--run", "run", "--resume", "--steps", 200)):
         assert "policy.safetensors: cut short" in morphkit(*arguments, code=2).stderr
+
+
+def test_validation_robots_are_evaluated_while_the_others_train(morphkit: Run, tmp_path: Path) -> None:
+    evaluate = ("--set", "trainer.evaluate_steps=60", "--set", "trainer.evaluate_episodes=1")
+    arguments = ("hopper", "hopper_3", "hopper_4", "--validate", "hopper_4", "--hold-out", "hopper_3", *TINY, *evaluate)
+    done = morphkit("train", *arguments, "--run", "run", "--steps", 130, "--json")
+    assert list(json.loads(done.stdout)["returns"]) in ([], ["hopper"])
+    rows = [json.loads(line) for line in (tmp_path / "run/metrics.jsonl").read_text().splitlines()]
+    evaluations = [row for row in rows if "evaluation" in row]
+    assert [row["steps"] for row in evaluations] == [60, 120]
+    assert all(list(row["evaluation"]) == ["hopper", "hopper_4"] for row in evaluations)
+
+
+def test_a_method_and_a_robot_that_do_not_fit_are_named(morphkit: Run) -> None:
+    rounds = ("--set", "model.method=amorpheus", "--set", "trainer.schedule=rounds", "--set", "trainer.num_envs=1")
+    morphkit("train", "hopper", "--run", "run", "--steps", 60, *TINY, *rounds)
+    done = morphkit("evaluate", "run", "arm", code=2)
+    assert done.stderr.startswith("error: ")
+    assert "method 'amorpheus'" in done.stderr
+
+
+def test_a_run_that_diverges_fails_with_exit_code_1_and_keeps_no_poisoned_checkpoint(
+    morphkit: Run, tmp_path: Path
+) -> None:
+    wild = ("--set", "td3.learning_rate=1e30", "--set", "trainer.start_steps=4")
+    done = morphkit("train", "hopper", "--run", "run", "--steps", 4000, *TINY, *wild, code=1)
+    assert "training diverged" in done.stderr
+    assert (
+        not any((tmp_path / "run/checkpoints").glob("step-*"))
+        or np.isfinite(np.concatenate([array.ravel() for array in weights(tmp_path / "run").values()])).all()
+    )
