@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from functools import cache
 from importlib import resources
@@ -29,7 +30,7 @@ def published_steps() -> int:
 
 def paper_settings(split: str) -> list[str]:
     """Settings of the paper presets that the study chose for this split alone, as `section.name=value`."""
-    return [f"{key}={value}" for key, value in _published()["settings"].get(split, {}).items()]
+    return [f"{key}={json.dumps(value)}" for key, value in _published()["settings"].get(split, {}).items()]
 
 
 @cache

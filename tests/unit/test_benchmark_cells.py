@@ -59,8 +59,16 @@ def test_a_method_takes_its_own_preset_and_a_preset_is_a_method() -> None:
             assert preset_of(preset.removesuffix("-paper")) == preset
             assert method_config(preset, "1").td3.exploration_noise == 0.126
             assert method_config(preset, "2").td3.exploration_noise == 0.2
+            assert [method_config(preset, split).model.hidden for split in "123"] == [False, False, True]
             assert method_config(preset, "1", overrides=["td3.exploration_noise=0.5"]).td3.exploration_noise == 0.5
     assert method_config("limb-former", "1") == method_config("limb-former", "2")
+
+
+def test_a_method_without_limb_types_observes_all_else() -> None:
+    with_types, without = method_config("limb-former", "1"), method_config("limb-former-no-ltv", "1")
+    assert with_types.trainer.sensors == ()
+    assert without.trainer.sensors == ("no_ltv",)
+    assert without.model == with_types.model
 
 
 def test_a_preset_of_another_method_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -175,3 +175,16 @@ def test_unknown_names_are_answered_with_the_nearest(benchmark: Benchmark, tmp_p
     path = write(tmp_path, "[splits.mine.cheetahs]\ntrain = ['cheetah_3_bak']\n")
     with pytest.raises(UnknownNameError, match="did you mean 'cheetah_3_back'"):
         gather(load_benchmark(path), "cheetahs", "mine")
+
+
+def test_the_docs_show_the_tables_that_the_sets_give(benchmark: Benchmark) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "benchmark.md").read_text()
+    for split, groups in benchmark.splits.items():
+        first, *others = groups.values()
+        sizes = [f"{len(first.train)} train, {len(first.test)} test"]
+        sizes += [f"{len(sets.train)}, {len(sets.test)}" for sets in others]
+        assert f"| {split} | {' | '.join(sizes)} |" in text
+        unseen = [
+            ", ".join(f"`{limb}`" for limb in limbs) for limbs in unseen_limbs(benchmark, split).values() if limbs
+        ]
+        assert f"| {split} | {'; '.join(unseen) or 'none'} |" in text
