@@ -75,7 +75,8 @@ class TD3Config:
     """TD3 (Fujimoto et al. 2018).
 
     Attributes:
-        batch_size: Transitions in an update over all robots; every robot gives the same share, rounded up.
+        batch_size: Transitions in an update over all robots; every robot gives the same share, rounded up. In the
+            schedule `rounds`, those of the one robot that is updated.
         discount: Discount of one step.
         n_step: Rewards summed before the target bootstraps.
         tau: Share of the online networks that a Polyak update moves into the targets.

@@ -17,6 +17,40 @@ def test_every_preset_loads() -> None:
         assert isinstance(load_config(name), TrainConfig)
 
 
+STUDY = {  # Appendix II of the study, and the baseline runs of the AnyMorph project
+    "td3": {
+        "batch_size": 100, "discount": 0.99, "n_step": 1, "tau": 0.046, "policy_delay": 2, "target_noise": 0.2,
+        "target_noise_clip": 0.5, "exploration_noise": 0.126, "reward_scale": 1.0,
+    },
+    "trainer": {
+        "schedule": "rounds", "num_envs": 1, "start_steps": 0, "start_steps_per_robot": 10_000,
+        "replay_capacity": 10_000_000, "normalize": False,
+    },
+}  # fmt: skip
+TRANSFORMER = {"d_model": 128, "layers": 3, "heads": 2, "feedforward": 256, "conditioned": True}
+OWN = {
+    "ma-bert": ({**TRANSFORMER, "code_size": 96, "combine": "concat", "hidden": False}, 5e-5, 0.1),
+    "anymorph": ({**TRANSFORMER, "code_size": 96, "token_size": 32, "hidden": False}, 5e-5, 0.1),
+    "amorpheus": (TRANSFORMER, 1e-4, 0.1),
+    "smp": ({"message_size": 32, "actor_messages": "both", "critic_messages": "both"}, 1e-4, 0.0),
+}
+
+
+@pytest.mark.parametrize("method", OWN)
+def test_paper_presets_are_the_published_hyperparameters(method: str) -> None:
+    config = load_config(f"{method}-paper").to_dict()
+    model, learning_rate, gradient_clip = OWN[method]
+    expected = {
+        "model": {"method": method, **model},
+        "td3": {**STUDY["td3"], "learning_rate": learning_rate, "gradient_clip": gradient_clip},
+        "trainer": STUDY["trainer"],
+    }
+    for section, values in expected.items():
+        assert {name: config[section][name] for name in values} == values
+    if method == "ma-bert":
+        assert (config["text"]["encoder"], config["text"]["pooling"]) == ("bert-base-uncased", "cls")
+
+
 def test_overrides_change_one_setting() -> None:
     base, changed = load_config(), load_config(overrides=["td3.tau=0.5", "text.encoder=bert-base-uncased"])
     assert changed.td3.tau == 0.5
