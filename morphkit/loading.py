@@ -12,8 +12,7 @@ from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
 from morphkit.io import resolve, xml
 from morphkit.io.mjcf import name_elements
-
-MUJOCO_MESHES = {".stl", ".obj", ".msh"}
+from morphkit.mesh_files import read_for_mujoco
 
 
 def load_spec(description: Description, *, incomplete: set[str] | None = None) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
@@ -51,6 +50,7 @@ def load_spec(description: Description, *, incomplete: set[str] | None = None) -
     notes = [
         *_resolve_meshes(spec, description, references, incomplete),
         *_resolve_fields(spec, description, incomplete),
+        *_resolve_skins(spec, description),
         *_resolve_images(spec, description),
     ]
     spec.meshdir = spec.texturedir = ""
@@ -123,6 +123,21 @@ def _resolve_fields(spec: mujoco.MjSpec, description: Description, incomplete: s
     return notes
 
 
+def _resolve_skins(spec: mujoco.MjSpec, description: Description) -> list[str]:
+    """Skins never matter to the simulation: one that cannot be found is left out."""
+    notes = []
+    for skin in [skin for skin in spec.skins if skin.file]:
+        try:
+            path = resolve.locate(str(Path(spec.meshdir) / skin.file), description)
+        except AssetError as error:
+            notes.append(f"skin {skin.name or skin.file!r} was left out: {error}")
+            spec.delete(skin)
+            continue
+        skin.file = f"{len(spec.assets)}_{path.name}"
+        spec.assets = {**spec.assets, skin.file: path.read_bytes()}
+    return notes
+
+
 def drop_shape(spec: mujoco.MjSpec, asset: Any, users: Sequence[Any], incomplete: set[str] | None = None) -> None:
     """Delete a mesh or height field and the geoms that use it; the names of their bodies are added to `incomplete`."""
     for geom in users:
@@ -164,13 +179,4 @@ def _is_decoration(geom: Any) -> bool:
 
 def _mesh_bytes(reference: str, description: Description) -> tuple[str, bytes]:
     """File name and content of a mesh in a format that MuJoCo reads; others are converted with trimesh."""
-    path = resolve.locate(reference, description)
-    if path.suffix.lower() in MUJOCO_MESHES:
-        return path.name, path.read_bytes()
-    import trimesh
-
-    try:
-        content = trimesh.load(path, force="mesh").export(file_type="stl")
-    except Exception as error:  # trimesh raises whatever the reader of the format raises
-        raise AssetError(f"{path}: neither MuJoCo nor trimesh can read this mesh: {error}") from error
-    return f"{path.stem}.stl", bytes(content)
+    return read_for_mujoco(resolve.locate(reference, description))

@@ -8,6 +8,36 @@ from typing import Any
 
 from morphkit.errors import AssetError
 
+MAX_STL_FACES = 200_000
+"""MuJoCo refuses STL files with more."""
+
+_HEAD, _FACE = 84, 50  # bytes in a binary STL
+
+
+def read_for_mujoco(path: Path) -> tuple[str, bytes]:
+    """Return name and content of a mesh in a form that MuJoCo reads.
+
+    STL, OBJ and MSH stay as they are; text and very large STL, and all other formats, are converted with trimesh.
+
+    Raises:
+        AssetError: Neither MuJoCo nor trimesh can read it.
+        OSError: It cannot be read at all.
+    """
+    suffix = path.suffix.lower()
+    content = path.read_bytes()
+    if suffix in (".obj", ".msh") or (suffix == ".stl" and _is_plain_stl(content)):
+        return path.name, content
+    mesh = load_mesh(path)
+    kind = "stl" if len(mesh.faces) <= MAX_STL_FACES else "obj"
+    converted = mesh.export(file_type=kind)
+    return f"{path.stem}.{kind}", converted.encode() if isinstance(converted, str) else bytes(converted)
+
+
+def _is_plain_stl(content: bytes) -> bool:
+    """Whether an STL is binary and small enough for MuJoCo."""
+    faces = int.from_bytes(content[80:_HEAD], "little")
+    return len(content) == _HEAD + _FACE * faces and faces <= MAX_STL_FACES
+
 
 def load_mesh(path: Path) -> Any:
     """Read a mesh file with trimesh, all its parts joined, in metres where the file states its unit.

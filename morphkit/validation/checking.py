@@ -67,7 +67,7 @@ def _check_mjcf(doc: Document, path: Path, *, deep: bool) -> None:
     text, lines = mjcf.numbered(doc.root)
     answer = Answer()
     if deep:
-        folders = {name: str(folder) for name, folder in doc.packages.items()}
+        folders = {name: str(folder.resolve()) for name, folder in doc.packages.items()}
         model = {"source": text, "file": path.name, "folder": str(doc.folder.resolve()), "packages": folders}
         answer = probe([use.path for use in meshes.values()], model)
     found = answer.model or {}

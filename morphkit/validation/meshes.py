@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from morphkit.cutting.frames import Pose
+from morphkit.mesh_files import MAX_STL_FACES
 from morphkit.validation.document import Document
 
 FORMATS = (".stl", ".obj", ".msh")
 """What MuJoCo reads."""
 
-MAX_STL_FACES = 200_000
 LARGEST_M, SMALLEST_M = 10.0, 1e-4
 LIGHTEST, DENSEST = 5.0, 25_000.0  # kg/m^3
 

@@ -10,6 +10,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -56,9 +57,11 @@ def probe(meshes: Sequence[Path], model: dict[str, Any] | None) -> Answer:
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     reason = ""
     try:
-        done = subprocess.run(
-            command, input=request, capture_output=True, timeout=LIMIT_S, env=environment, check=False
-        )
+        # An empty folder: Python would import what lies where it works, and MuJoCo writes a log there.
+        with tempfile.TemporaryDirectory() as empty:
+            done = subprocess.run(
+                command, input=request, capture_output=True, timeout=LIMIT_S, env=environment, cwd=empty, check=False
+            )
         output = done.stdout
         if done.returncode:
             reason = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
