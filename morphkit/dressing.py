@@ -23,6 +23,7 @@ _PALETTE = (
     (0.53, 0.44, 0.63, 1.0),
     (0.55, 0.67, 0.42, 1.0),
 )
+_DARKEST = 0.13  # A blacker black shows no shape.
 _STICK_SHARE = 0.12  # Radius of a stick as a share of the robot's mean limb length.
 
 
@@ -94,6 +95,8 @@ def colour_limbs(model: mujoco.MjModel, root: int) -> None:
             depth[body] = depth[parent] + int(model.body_jntnum[body] > 0)
     for geom in range(model.ngeom):
         level = depth.get(int(model.geom_bodyid[geom]))
+        if level is not None and model.geom_matid[geom] < 0:
+            model.geom_rgba[geom, :3] = np.maximum(model.geom_rgba[geom, :3], _DARKEST)
         plain = model.geom_matid[geom] < 0 and np.allclose(model.geom_rgba[geom], _DEFAULT_COLOUR)
         if level is not None and plain:
             model.geom_rgba[geom] = _PALETTE[level % len(_PALETTE)]
@@ -117,3 +120,4 @@ def lay_floor(model: mujoco.MjModel, floor: int, root: int, start: np.ndarray) -
         if model.body_rootid[model.geom_bodyid[geom]] == model.body_rootid[root]
     ]
     model.geom_pos[floor, 2] = min(low, default=0.0)
+    model.geom_sameframe[floor] = 0  # Else MuJoCo takes the world's frame for the geom's.

@@ -12,7 +12,7 @@ import numpy as np
 
 from morphkit.description import Description
 from morphkit.masses import limb_masses
-from morphkit.mechanics import Mechanics, load_mechanics
+from morphkit.mechanics import JOINT_KINDS, Mechanics, load_mechanics
 from morphkit.morphology import Actuator, Morphology
 from morphkit.tokens import TokenSpec, tokens
 
@@ -20,7 +20,6 @@ Value = str | float | tuple[float, ...] | tuple[str, ...] | None
 Table = dict[str, dict[str, Value]]
 """Name of a limb, joint, actuator or token -> name of a fact -> its value."""
 
-_KINDS = {0: "free", 1: "ball", 2: "slide", 3: "hinge"}  # mjtJoint
 _UNITS = {
     "mass": "kg",
     "centre of mass": "m",
@@ -117,7 +116,7 @@ def _joints(mechanics: Mechanics) -> Table:
     model = mechanics.model
     table: Table = {}
     for joint in mechanics.joints:
-        kind, dof = _KINDS[int(model.jnt_type[joint])], model.jnt_dofadr[joint]
+        kind, dof = JOINT_KINDS[int(model.jnt_type[joint])], model.jnt_dofadr[joint]
         limited = bool(model.jnt_limited[joint]) and kind != "free"
         facts: dict[str, Value] = {
             "limb": mechanics.limb_of[int(model.jnt_bodyid[joint])],

@@ -19,7 +19,10 @@ from morphkit.description import Description
 from morphkit.errors import DescriptionError
 from morphkit.io import read
 from morphkit.loading import compile_spec, drop_shape, load_spec
-from morphkit.morphology import Morphology
+from morphkit.morphology import Joint, JointKind, Morphology
+
+JOINT_KINDS: dict[int, JointKind] = {0: "free", 1: "ball", 2: "slide", 3: "hinge"}
+"""Value of MuJoCo's mjtJoint -> kind of joint."""
 
 _TINY = 1e-12  # kg, kg*m^2: what MuJoCo needs to accept a moving body without a mass
 _ELEMENT = re.compile(r"Element name '(.*?)', id \d+", re.DOTALL)
@@ -107,6 +110,16 @@ def load_mechanics(description: Description, *, shapes: bool = True) -> Mechanic
         weightless=frozenset(weightless),
         notes=tuple(notes),
     )
+
+
+def base_joints(mechanics: Mechanics) -> tuple[Joint, ...]:
+    """The joints of the root, which a `Morphology` does not hold."""
+    model, found = mechanics.model, []
+    for joint in mechanics.joints[: mechanics.base_joints]:
+        limited = bool(model.jnt_limited[joint])
+        low, high = (float(value) for value in model.jnt_range[joint]) if limited else (0.0, 0.0)
+        found.append(Joint(model.joint(joint).name, JOINT_KINDS[int(model.jnt_type[joint])], limited, low, high))
+    return tuple(found)
 
 
 def _weighs_by_shape(spec: mujoco.MjSpec, body: Any) -> bool:

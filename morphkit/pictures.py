@@ -33,9 +33,20 @@ def write_png(picture: np.ndarray, path: Path) -> Path:
         DependencyError: The extra `viewer` is not installed.
     """
     path = Path(path)
-    _check_suffix(path, (".png",))
-    image = _import("PIL.Image")
+    check_picture_path(path)
+    image = import_viewer("PIL.Image")
     return write_in_one_step(path, lambda target: image.fromarray(picture).save(target, format="PNG"))
+
+
+def check_picture_path(path: Path) -> None:
+    """Raise what `write_png` would raise for this file name, before any work is done.
+
+    Raises:
+        ConfigError: The file's name does not end in .png.
+        DependencyError: The extra `viewer` is not installed.
+    """
+    _check_suffix(Path(path), (".png",))
+    import_viewer("PIL.Image")
 
 
 def check_video_path(path: Path) -> None:
@@ -46,11 +57,11 @@ def check_video_path(path: Path) -> None:
         DependencyError: What writes such files is not installed.
     """
     _check_suffix(Path(path), (".gif", ".mp4"))
-    _import("PIL.Image")
+    import_viewer("PIL.Image")
     if Path(path).suffix.lower() == ".mp4":
-        _import("imageio")
+        import_viewer("imageio")
         try:
-            _import("imageio_ffmpeg").get_ffmpeg_exe()
+            import_viewer("imageio_ffmpeg").get_ffmpeg_exe()
         except RuntimeError as error:
             raise DependencyError(f"MP4 needs ffmpeg ({error}): apt-get install ffmpeg, or write a .gif") from None
 
@@ -102,7 +113,7 @@ def family_sheet(
     _check_suffix(path, (".png",))
     if not simulations:
         raise ConfigError(f"{path}: a family sheet needs at least one body")
-    _import("matplotlib")
+    import_viewer("matplotlib")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -146,15 +157,18 @@ def _check_suffix(path: Path, allowed: tuple[str, ...]) -> None:
         raise ConfigError(f"{path}: the name must end in {' or '.join(allowed)}, not in {path.suffix or 'nothing'!r}")
 
 
-def _import(module: str) -> Any:
+def import_viewer(module: str) -> Any:
+    """Import a module of the extra `viewer`; DependencyError where it is not installed."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise DependencyError(f'pictures and videos need {module}: pip install "morphkit[viewer]" ({error})') from None
+        raise DependencyError(
+            f'pictures, films and the browser need {module}: pip install "morphkit[viewer]" ({error})'
+        ) from None
 
 
 def _write_gif(frames: Iterable[np.ndarray], path: Path, fps: float) -> None:
-    image = _import("PIL.Image")
+    image = import_viewer("PIL.Image")
     step = math.ceil(fps / _GIF_FPS - 1e-9)
     # One palette for all frames, without dithering: what stands still costs no bytes.
     pictures: list[Any] = []
@@ -172,7 +186,7 @@ def _write_gif(frames: Iterable[np.ndarray], path: Path, fps: float) -> None:
 
 
 def _write_mp4(frames: Iterable[np.ndarray], path: Path, fps: float) -> None:
-    imageio = _import("imageio.v2")
+    imageio = import_viewer("imageio.v2")
     # Two pixels are the least that H.264 with this colour format can count in.
     writer = imageio.get_writer(
         path, fps=fps, codec="libx264", quality=7, pixelformat="yuv420p", macro_block_size=2, ffmpeg_log_level="error"

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
+import itertools
+from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 _FIELD_OF_VIEW = 40.0  # degrees, vertical
 _MARGIN = 1.1
+_MARK = (0.95, 0.42, 0.16)
 _HIDDEN_GROUP = 5
 _HEIGHT_SMOOTHING = 0.05  # share of the way that the camera follows up and down in a frame
 _VIEWS = {"planar": (90.0, -8.0), "free": (125.0, -18.0), "fixed": (125.0, -18.0)}  # azimuth, elevation, degrees
@@ -97,8 +99,22 @@ def model_frames(
     width: int = 640,
     height: int = 480,
     reach: float | None = None,
+    still: bool = False,
+    marked: Sequence[Collection[int]] = (),
 ) -> Iterator[np.ndarray]:
-    """Like `render_frames` for any MjModel; `root` is the body id that the camera follows."""
+    """Like `render_frames` for any MjModel.
+
+    Args:
+        model: The model.
+        qpos: States, shape (n, nq) or (nq,), or None.
+        root: Body id that the camera follows.
+        base: How the root is attached; it chooses the camera's side.
+        width: Width of a picture, pixels.
+        height: Height of a picture, pixels.
+        reach: Half of the picture's smaller side, m.
+        still: The camera stays where it is at the first state, far enough away to show all of them.
+        marked: For every state, ids of bodies that are drawn in a colour that stands out.
+    """
     import mujoco
 
     if width < 1 or height < 1:
@@ -106,36 +122,66 @@ def model_frames(
     states = np.atleast_2d(model.qpos0 if qpos is None else np.asarray(qpos, dtype=np.float64))
     if states.ndim != 2 or states.shape[1] != model.nq:
         raise ConfigError(f"states have shape {states.shape}, expected (n, {model.nq})")
-    states = states[np.isfinite(states).all(axis=1)]
+    finite = np.isfinite(states).all(axis=1)
+    marks = (
+        [bodies for bodies, keep in zip(marked, finite, strict=True) if keep] if marked else [()] * int(finite.sum())
+    )
+    states = states[finite]
     if not len(states):
         raise ConfigError("there is no state to draw: at least one must have finite numbers only")
     model = copy.copy(model)  # The simulation's own model stays as it is.
     data = mujoco.MjData(model)
     _move(model, data, states[0])
     shown = _reach(model, data, root) if reach is None else reach
-    _prepare(model, width, height, shown)
+    _prepare(model, width, height, shown, fine=len(states) == 1)
     scene = mujoco.MjvScene(model, maxgeom=10_000 + scenery.MAX_GEOMS)
     scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
     scene.flags[mujoco.mjtRndFlag.mjRND_CULL_FACE] = False  # The sky is a ball seen from inside.
     camera = mujoco.MjvCamera()
     camera.azimuth, camera.elevation = _VIEWS.get(base, _VIEWS["free"])
     camera.distance = _MARGIN * shown / (np.tan(np.radians(_FIELD_OF_VIEW / 2)) * min(1.0, width / height))
-    camera.lookat[:] = _target(data, root, base)
+    camera.lookat[:] = target = _target(data, root, base)
+    if still:
+        target, camera.distance, shown = _view_of_all(model, data, states, root, camera, width / height)
+        camera.lookat[:] = target
     option = mujoco.MjvOption()
     context = OffscreenRenderer(model, width, height)
     try:
-        for state in states:
+        for state, bodies in zip(states, marks, strict=True):
             _move(model, data, state)
-            target = _target(data, root, base)
-            target[2] = camera.lookat[2] + _HEIGHT_SMOOTHING * (target[2] - camera.lookat[2])
-            camera.lookat[:] = target
+            if not still:
+                target = _target(data, root, base)
+                target[2] = camera.lookat[2] + _HEIGHT_SMOOTHING * (target[2] - camera.lookat[2])
+                camera.lookat[:] = target
             mujoco.mjv_updateScene(model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, scene)
+            _mark(model, scene, bodies)
             scenery.light(scene, target)
             scenery.tile_floor(scene, target, shown)
             scenery.add_sky(model, scene, target, shown)
             yield context.draw(scene)
     finally:
         context.close()
+
+
+def viewpoint(
+    model: Any, state: np.ndarray, *, root: int = 1, base: str = "free", aspect: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where a camera has to be to show a robot, and what it looks at, world frame, m.
+
+    Args:
+        model: The MjModel.
+        state: The pose, shape (nq,).
+        root: Body id of the robot's root.
+        base: How the root is attached; it chooses the side.
+        aspect: Width of the picture by its height.
+    """
+    import mujoco
+
+    camera = mujoco.MjvCamera()
+    camera.azimuth, camera.elevation = _VIEWS.get(base, _VIEWS["free"])
+    data = mujoco.MjData(model)
+    target, distance, _ = _view_of_all(model, data, np.atleast_2d(state), root, camera, aspect)
+    return target - distance * _forward(camera), target
 
 
 def start_reach(simulation: Simulation) -> float:
@@ -153,6 +199,56 @@ def _reach(model: Any, data: Any, root: int) -> float:
         return 1.0
     offsets = np.linalg.norm(data.geom_xpos[mine] - data.subtree_com[root], axis=1)
     return float(max(0.05, np.max(offsets + model.geom_rbound[mine])))
+
+
+def _view_of_all(
+    model: Any, data: Any, states: np.ndarray, root: int, camera: Any, aspect: float
+) -> tuple[np.ndarray, float, float]:
+    """Where a camera of given direction has to be to show the robot in all states.
+
+    Returns:
+        What it looks at, world frame, m; its distance from there, m; half of the diagonal of the robot's box, m.
+    """
+    corners = np.concatenate([_corners(model, data, state, root) for state in states])
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    forward = _forward(camera)
+    right = np.array([forward[1], -forward[0], 0.0]) / np.hypot(*forward[:2])
+    away = corners - middle
+    upward = np.tan(np.radians(_FIELD_OF_VIEW / 2)) / _MARGIN
+    across = np.abs(away @ right) / (upward * aspect)
+    high = np.abs(away @ np.cross(right, forward)) / upward
+    distance = np.max(np.maximum(across, high) - away @ forward)
+    size = float(np.linalg.norm(corners.max(axis=0) - corners.min(axis=0)) / 2)
+    return middle, float(distance), size
+
+
+def _forward(camera: Any) -> np.ndarray:
+    azimuth, elevation = np.radians((camera.azimuth, camera.elevation))
+    return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+
+
+def _corners(model: Any, data: Any, state: np.ndarray, root: int) -> np.ndarray:
+    """Corners of the boxes around all geoms of the robot, world frame, m, shape (n, 3)."""
+    _move(model, data, state)
+    mine = np.flatnonzero(model.body_rootid[model.geom_bodyid] == model.body_rootid[root])
+    if not len(mine):
+        return np.array(data.xpos[root]) + np.array([[-0.5] * 3, [0.5] * 3])
+    signs = np.array(list(itertools.product((-1, 1), repeat=3)))
+    local = model.geom_aabb[mine, None, :3] + signs * model.geom_aabb[mine, None, 3:]
+    turned = np.einsum("gij,gcj->gci", data.geom_xmat[mine].reshape(-1, 3, 3), local)
+    found: np.ndarray = (turned + data.geom_xpos[mine, None]).reshape(-1, 3)
+    return found
+
+
+def _mark(model: Any, scene: Any, bodies: Collection[int]) -> None:
+    """Paint the geoms of some bodies in a scene."""
+    import mujoco
+
+    for geom in scene.geoms[: scene.ngeom] if bodies else ():
+        if geom.objtype == mujoco.mjtObj.mjOBJ_GEOM and int(model.geom_bodyid[geom.objid]) in bodies:
+            geom.rgba[:3] = _MARK
+            geom.matid = -1
+            geom.emission = 0.25
 
 
 def _visuals_only(model: Any) -> Any:
@@ -174,12 +270,15 @@ def _move(model: Any, data: Any, state: np.ndarray) -> None:
     mujoco.mj_tendon(model, data)
 
 
-def _prepare(model: Any, width: int, height: int, reach: float) -> None:
-    """Set what MuJoCo's renderer takes from the model: size of the picture, shadows, light at the camera."""
+def _prepare(model: Any, width: int, height: int, reach: float, *, fine: bool) -> None:
+    """Set what MuJoCo's renderer takes from the model: size of the picture, shadows, light at the camera.
+
+    Fine edges and shadows cost a third of the time without a graphics card: films do without.
+    """
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
     model.vis.global_.fovy = _FIELD_OF_VIEW
-    model.vis.quality.offsamples = 4
-    model.vis.quality.shadowsize = 2048
+    model.vis.quality.offsamples = 4 if fine else 2
+    model.vis.quality.shadowsize = 2048 if fine else 1024
     model.vis.map.shadowclip = 1.0
     model.stat.extent = 5 * reach  # Width of the shadow map; a smaller one leaves stripes on the floor.
     model.vis.headlight.active = 1

@@ -6,6 +6,8 @@ The heavy parts (MuJoCo, OpenGL, matplotlib, imageio) are imported only when a p
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from rich.text import Text
 from rich.tree import Tree
@@ -13,6 +15,9 @@ from rich.tree import Tree
 from morphkit.morphology import Actuator, Joint, Limb, Morphology
 from morphkit.pictures import check_video_path, family_sheet, write_png, write_video
 from morphkit.rendering import render, render_frames, resample
+
+if TYPE_CHECKING:
+    from morphkit.masses import LimbMass
 
 __all__ = [
     "check_video_path",
@@ -28,15 +33,23 @@ __all__ = [
 _NAME, _TYPE, _JOINT, _ACTUATOR, _QUIET = "bold cyan", "magenta", "green", "yellow", "dim"
 
 
-def tree(morphology: Morphology) -> Tree:
-    """The limbs of a robot as a tree for rich: types, joints with their ranges, actuators with theirs.
+def tree(
+    morphology: Morphology, *, masses: Mapping[str, LimbMass | None] | None = None, base_joints: Sequence[Joint] = ()
+) -> Tree:
+    """The limbs of a robot as a tree for rich: types, masses, joints with their ranges, actuators with theirs.
 
     Angles are in degrees, lengths in metres. Actuators that drive no single limb stand at the end.
+
+    Args:
+        morphology: The robot.
+        masses: Mass of every limb, as `masses.limb_masses` finds them; None leaves them out.
+        base_joints: Joints of the root, which the morphology does not hold.
     """
-    root = Tree(_title(morphology), guide_style=_QUIET)
+    root = Tree(_title(morphology, masses), guide_style=_QUIET)
     branches: dict[str | None, Tree] = {None: root}
     for limb in morphology.limbs:
-        branches[limb.name] = branches[limb.parent].add(_limb_text(limb, morphology))
+        joints = limb.joints if limb.parent is not None else tuple(base_joints)
+        branches[limb.name] = branches[limb.parent].add(_limb_text(limb, joints, morphology, masses))
     loose = [actuator for actuator in morphology.actuators if actuator.limb is None]
     if loose:
         branch = root.add(Text("actuators that drive no single limb", style=_QUIET))
@@ -45,7 +58,7 @@ def tree(morphology: Morphology) -> Tree:
     return root
 
 
-def _title(morphology: Morphology) -> Text:
+def _title(morphology: Morphology, masses: Mapping[str, LimbMass | None] | None) -> Text:
     facts = [
         morphology.format.upper(),
         f"{morphology.base} base",
@@ -53,6 +66,9 @@ def _title(morphology: Morphology) -> Text:
         _count(len(morphology.joints), "joint"),
         _count(len(morphology.actuators), "actuator"),
     ]
+    if masses is not None:
+        known = [mass.mass for mass in masses.values() if mass is not None]
+        facts.append(f"{'' if len(known) == len(masses) else 'at least '}{sum(known):.4g} kg")
     return Text.assemble((morphology.name, "bold"), ("  " + " · ".join(facts), _QUIET))
 
 
@@ -60,12 +76,17 @@ def _count(number: int, what: str) -> str:
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
-def _limb_text(limb: Limb, morphology: Morphology) -> Text:
+def _limb_text(
+    limb: Limb, joints: Sequence[Joint], morphology: Morphology, masses: Mapping[str, LimbMass | None] | None
+) -> Text:
     text = Text.assemble((limb.name, _NAME))
     if limb.type is not None:
         text.append(f"  {limb.type}", style=_TYPE)
+    if masses is not None:
+        mass = masses[limb.name]
+        text.append("  mass unknown" if mass is None else f"  {mass.mass:.4g} kg", style=_QUIET)
     own = [actuator for actuator in morphology.actuators if actuator.limb == limb.name]
-    for joint in limb.joints:
+    for joint in joints:
         text.append("\n")
         text.append_text(_joint_text(joint))
         for actuator in own:
@@ -73,7 +94,7 @@ def _limb_text(limb: Limb, morphology: Morphology) -> Text:
                 text.append("  ")
                 text.append_text(_actuator_text(actuator))
     for actuator in own:
-        if actuator.joint not in {joint.name for joint in limb.joints}:
+        if actuator.joint not in {joint.name for joint in joints}:
             text.append("\n")
             text.append_text(_actuator_text(actuator))
     fixed = [member for member in limb.members if member != limb.name]

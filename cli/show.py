@@ -1,0 +1,120 @@
+"""`morphkit show`: a robot for the eyes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from . import common
+
+if TYPE_CHECKING:
+    from morphkit.description import Description
+
+DEFAULT_PORT = 8080
+
+EXAMPLES = (
+    "morphkit show quadruped",
+    "morphkit show my_robot.urdf --png robot.png --gif joints.gif",
+    "morphkit show my_robot.urdf --web",
+)
+
+
+def show(
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a shipped robot, or a URDF or MJCF file.")],
+    png: Annotated[
+        Path | None, typer.Option("--png", metavar="FILE", help="Draw the robot in its start pose into a .png.")
+    ] = None,
+    gif: Annotated[
+        Path | None,
+        typer.Option("--gif", metavar="FILE", help="Film its joints, one after the other, into a .gif or .mp4."),
+    ] = None,
+    web: Annotated[
+        bool,
+        typer.Option("--web", help="Show it in the browser: sliders move joints, a click on a limb removes it."),
+    ] = False,
+    port: Annotated[
+        int | None,
+        typer.Option(min=1, max=65535, metavar="N", help="With --web: port on this machine.", show_default="8080"),
+    ] = None,
+    root: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The top-level body to take, where the file has several.")
+    ] = None,
+    package: common.PackageOption = None,
+) -> None:
+    """Show a robot: as a tree in the terminal, as a picture, as a film of its joints, or in the browser.
+
+    The tree has limbs with their masses, what is fixed to them, joints with their ranges, and actuators. --web listens
+    on this machine only and ends with Ctrl-C.
+    """
+    if port is not None and not web:
+        raise common.UsageError("--port belongs to --web.")
+
+    from morphkit.io.packages import parse_packages
+    from morphkit.robots import load
+
+    description = load(robot, root=root, packages=parse_packages(package or []))
+    if png is not None:
+        _draw(description, png)
+    if gif is not None:
+        _film(description, gif)
+    if web:
+        _browse(description, robot, port, root)
+    elif png is None and gif is None:
+        _tree(description)
+
+
+def _tree(description: Description) -> None:
+    from morphkit.masses import limb_masses
+    from morphkit.mechanics import base_joints, load_mechanics
+    from morphkit.viewing import tree
+
+    from .terminal import show as show_text
+
+    mechanics = load_mechanics(description, shapes=False)
+    _say(mechanics.notes)
+    show_text(tree(mechanics.morphology, masses=limb_masses(mechanics), base_joints=base_joints(mechanics)))
+
+
+def _draw(description: Description, path: Path) -> None:
+    from morphkit.mechanics import load_mechanics
+    from morphkit.pictures import check_picture_path, write_png
+    from morphkit.portraits import portrait
+
+    check_picture_path(path)
+    mechanics = load_mechanics(description)
+    _say(mechanics.notes)
+    write_png(portrait(mechanics), path)
+    typer.echo(f"picture: {path}", err=True)
+
+
+def _film(description: Description, path: Path) -> None:
+    from morphkit.mechanics import load_mechanics
+    from morphkit.pictures import check_video_path, write_video
+    from morphkit.portraits import FPS, swing_frames
+
+    check_video_path(path)
+    mechanics = load_mechanics(description)
+    _say(mechanics.notes)
+    write_video(swing_frames(mechanics), path, FPS)
+    typer.echo(f"film: {path}", err=True)
+
+
+def _browse(description: Description, robot: str, port: int | None, root: str | None) -> None:
+    from morphkit.browser import serve
+
+    command = ["morphkit", "ablate", robot, *(["--root", root] if root else [])]
+    serve(
+        description,
+        command=command,
+        port=port if port is not None else DEFAULT_PORT,
+        search=port is None,
+        ready=lambda url: typer.echo(f"{url} shows {description.name}; Ctrl-C ends it", err=True),
+        note=lambda text: _say([text]),
+    )
+
+
+def _say(notes: list[str] | tuple[str, ...]) -> None:
+    for note in notes:
+        typer.echo(f"note: {note.splitlines()[0]}", err=True)
