@@ -161,6 +161,24 @@ def test_episode_ends_at_the_height_itself(body: str) -> None:
     np.testing.assert_array_equal(ended, [True, False, False, True][: len(heights)])
 
 
+@pytest.mark.parametrize("body", BODIES)
+def test_start_states_and_lengths(body: str) -> None:
+    cheetah = BODIES[body]["robot"] == "cheetah"
+    task, model = task_for(simulation(body)), plain(body)
+    assert (task.frame_skip, task.episode_length) == (4, 1000)
+    env = BatchEnv([simulation(body)], [task], 400, num_threads=1)
+    env.reset()
+    qpos, qvel = env.state(0)
+    offset, bound = qpos - model.qpos0, 0.1 if cheetah else 0.005
+    assert 0.99 * bound < np.abs(offset).max() <= bound * (1 + 1e-9)
+    assert offset.std() == pytest.approx(bound / np.sqrt(3), rel=0.05)
+    if cheetah:
+        assert qvel.std() == pytest.approx(0.1, rel=0.05)
+        assert np.abs(qvel).max() > 0.2
+    else:
+        assert 0.99 * bound < np.abs(qvel).max() <= bound
+
+
 def test_humanoids_have_types_in_fixed_observations_only() -> None:
     kinds = {}
     for mode in MODES:
