@@ -9,6 +9,7 @@ from morphkit.ablation import Loss, ablate
 from morphkit.cutting.skins import bone_names
 from morphkit.description import Description
 from morphkit.io import read
+from morphkit.simulation import compile_plain
 
 TENDONS = b"""<mujoco>
   <compiler angle="radian"/>
@@ -218,3 +219,12 @@ def test_limbs_of_an_attached_model_are_cut_in_mujocos_output(tmp_path: Path, pl
     assert variant.lost[0].kind == "format"
     model = plain_spec(variant.description).compile()
     assert list(model.key("home").qpos) == [0.1, 0.3]
+
+
+def test_a_robot_with_a_skin_file_compiles(tmp_path: Path):
+    (tmp_path / "suit.skn").write_bytes(skin_file("crank", "wrist"))
+    skin = b'<asset><skin name="suit" file="suit.skn"/></asset><tendon>'
+    robot = mjcf(TENDONS.replace(b"<tendon>", skin), folder=tmp_path)
+    assert compile_plain(robot).nskin == 1
+    (tmp_path / "suit.skn").unlink()
+    assert compile_plain(robot).nskin == 0
