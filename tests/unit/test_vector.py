@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -173,6 +175,15 @@ def test_divergence_is_reported_and_poisons_nothing(robot: str, tmp_path, monkey
     assert np.isfinite(reward).all()
     assert np.isfinite(infos["final_obs"][1]).all()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_examples_of_the_documentation_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    root = Path(__file__).parents[2]
+    monkeypatch.chdir(root)
+    blocks = re.findall(r"```python\n(.*?)```", (root / "docs" / "environments.md").read_text(), re.DOTALL)
+    assert len(blocks) == 2
+    for block in blocks:
+        exec(block, {})
 
 
 def test_import_registers_without_loading_torch_or_mujoco() -> None:
