@@ -16,6 +16,7 @@ _LINK_ATTRIBUTES = (
 )  # fmt: skip
 _JOINT_ATTRIBUTES = ("joint", "joint1", "joint2")
 _EITHER_ATTRIBUTES = ("reference", "parent", "child")
+_ROLES = (*_LINK_ATTRIBUTES, *_JOINT_ATTRIBUTES, *_EITHER_ATTRIBUTES)
 
 
 def prune_references(root: Any, removed: Removed) -> Iterator[Loss]:
@@ -138,10 +139,13 @@ class _References:
                     yield Loss(tag, element.get("name") or f"{tag} of {name}", limb, f"refers to {name}")
                     return
         for child in list(element):
-            if isinstance(child.tag, str):
-                hit = list(self.unknown(child))
-                yield from hit
-                if hit and child.getparent() is None and child.tag in ("parent", "child"):
-                    # `<sensor><parent link=.../></sensor>`: without it the element means nothing.
-                    detach(element)
-                    return
+            if not isinstance(child.tag, str):
+                continue
+            lost = list(self.unknown(child))
+            if lost and child.getparent() is None and child.tag in _ROLES:
+                # `<sensor><parent link=.../></sensor>`: without it the element means nothing.
+                detach(element)
+                tag = str(element.tag)
+                yield Loss(tag, element.get("name") or lost[0].name, lost[0].limb, lost[0].reason)
+                return
+            yield from lost

@@ -42,6 +42,9 @@ LEG = b"""<robot name="leg" xmlns:drake="http://drake.mit.edu">
   </ros2_control>
   <disable_collisions link1="tail" link2="shin" reason="never"/>
   <disable_collisions link1="tail" link2="base" reason="adjacent"/>
+  <sensor name="imu"><parent link="foot"/><origin xyz="0 0 0"/></sensor>
+  <loop_joint name="loop"><link1 link="tail"/><link2 link="toe"/></loop_joint>
+  <collisions margin=".1"><pair link1="tail" link2="toe"/></collisions>
   <drake:gear ratio="3"/>
 </robot>
 """.replace(b"LIMIT", b'<limit lower="-1" upper="1" effort="1" velocity="1"/>').replace(
@@ -79,7 +82,10 @@ def test_what_refers_to_a_urdf_link_goes(plain_spec):
         ("joint", "knee"), ("joint", "curl"), ("link", "foot"), ("mimic", "wag"), ("transmission", "knee_drive"),
         ("gazebo", "foot"), ("gazebo", "bumper"), ("gazebo", "states joint_name"), ("ros2_control", "knee"),
         ("mimic", "wag"), ("ros2_control", "contact"), ("disable_collisions", "disable_collisions of shin"),
+        ("sensor", "imu"), ("loop_joint", "loop"), ("pair", "pair of toe"),
     }  # fmt: skip
+    assert b'<collisions margin=".1"></collisions>' in variant.description.source
+    assert Loss("sensor", "imu", "shin", "refers to foot") in variant.lost
     for word in (b"knee", b"foot", b"shin", b"toe", b"multiplier", b"bumper"):
         assert word not in variant.description.source
     assert b'<disable_collisions link1="tail" link2="base" reason="adjacent"/>' in variant.description.source
