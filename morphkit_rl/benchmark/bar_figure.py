@@ -60,7 +60,8 @@ def write_bars(
             [], [], linestyle="", marker="o", markersize=4, markerfacecolor="white", color=style.INK, label="one seed"
         )
     )
-    handles.append(Line2D([], [], color=style.INK, linewidth=1.4, label="95 % interval over seeds"))
+    if any(len(each.done) > 1 for each in entries):
+        handles.append(Line2D([], [], color=style.INK, linewidth=1.4, label="95 % interval over seeds"))
     handles += [Patch(label=f"{style.label(name)}, published", **_published(name, methods)) for name in names]
     return style.draw_panels(panels, draw, path, heading=heading, legend=handles)
 
@@ -105,7 +106,8 @@ def _draw(
     low, high = min(tops), max(tops)
     room = (high - low) or 1.0
     axes.set_ylim(low - (0.12 * room if low < 0 else 0), high + 0.15 * room)
-    axes.set_xlim(-0.7, max(place - 0.65, 0.7))
+    centre, half = place / 2 - 0.675, max(place / 2, 2.2)
+    axes.set_xlim(centre - half, centre + half)
     axes.axhline(0, color=style.INK, linewidth=0.9)
     remarks = [bar.remark for bar in bars.values() if bar.remark] or ([] if bars else ["not in this matrix"])
     axes.text(0.0, -0.03, "\n".join(remarks), transform=axes.transAxes, va="top", fontsize=7.5, color=style.QUIET)

@@ -46,8 +46,10 @@ def write_curves(
     handles: list[Any] = [
         Line2D([], [], color=style.colour(name, methods), linewidth=2.2, label=style.label(name)) for name in methods
     ]
-    handles.append(Patch(color=style.QUIET, alpha=0.25, label="95 % interval over seeds"))
-    handles.append(Line2D([], [], color=style.QUIET, linewidth=0.8, alpha=0.8, label="a seed that is not done"))
+    if any(len(each.done) > 1 for each in entries):
+        handles.append(Patch(color=style.QUIET, alpha=0.25, label="95 % interval over seeds"))
+    if any(len(each.done) < len(each.cells) for each in entries):
+        handles.append(Line2D([], [], color=style.QUIET, linewidth=0.8, alpha=0.8, label="a seed that is not done"))
     for name in sorted({name for level in levels.values() for name in level}, key=style.order):
         handles.append(
             Line2D(

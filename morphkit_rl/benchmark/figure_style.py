@@ -73,9 +73,9 @@ def order(method: str) -> tuple[int, str]:
 
 
 def set_labels(axes: Axes, task: str, x: str, y: str) -> None:
-    """Title of a panel, `walker + humanoids`, and labels of the axes at the left and lower edge of the figure."""
-    text = "mean of all tasks" if task == OVERALL else task.replace("_", " + ")
-    axes.set_title(text, fontsize=10 if len(text) < 34 else 8.5)
+    """Title of a panel, and labels of the axes at the left and lower edge of the figure."""
+    text = "mean of all tasks" if task == OVERALL else task
+    axes.set_title(text, fontsize=10 if len(text) < 28 else 9)
     place = axes.get_subplotspec()
     if place is None or place.is_first_col():
         axes.set_ylabel(y)

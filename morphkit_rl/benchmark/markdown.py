@@ -60,7 +60,8 @@ def write_markdown(
 def _standing(matrix: Path, cells: Sequence[Status]) -> str:
     states = [each.state for each in cells]
     counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(sorted(states)))
-    text = f"{len(cells)} cells in `{matrix.name}`: {counts}. Written by morphkit {metadata.version('morphkit')}.\n"
+    number = f"{len(cells)} cell{'s' * (len(cells) != 1)}"
+    text = f"{number} in `{matrix.name}`: {counts}. Written by morphkit {metadata.version('morphkit')}.\n"
     if states.count("done") < len(states):
         text += "\n**This matrix is not whole.** The numbers are those of the cells that are done.\n"
     if any(each.plan["validate"] for each in cells):

@@ -133,7 +133,8 @@ def _draw(
     totals: Sequence[Overall],
 ) -> None:
     done, asked = sum(len(e.done) for e in entries), sum(len(e.cells) for e in entries)
-    state = f"{asked} cells" if done == asked else f"{done} of {asked} cells done"
+    seeds = " or ".join(map(str, sorted({len(each.cells) for each in entries})))
+    state = f"{done} of {asked} cells done, seeds: {seeds}"
     role = "validation robots" if any(each.role == "validation" for each in entries) else "held-out robots"
     at = f"; published: at {published_steps() / 1e6:g}M steps" if split in load_benchmark().splits else ""
     heading = f"Split {split}: training return, with exploration noise ({state}{at})"
