@@ -8,6 +8,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from morphkit.errors import AblationError
+
 _ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 
 
@@ -69,26 +71,38 @@ class Angles:
         return Pose(position, self.rotation(element))
 
     def rotation(self, element: Any) -> np.ndarray:
-        """The quaternion that the orientation attribute of `element` gives."""
+        """The quaternion that the orientation attribute of `element` gives.
+
+        Raises:
+            AblationError: It gives none, such as a turn about an axis of length 0.
+        """
+        attribute = next((name for name in _ORIENTATIONS if element.get(name) is not None), None)
+        if attribute is None:
+            return np.array([1.0, 0.0, 0.0, 0.0])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            quat = self._quaternion(attribute, numbers(element.get(attribute)))
+        if not np.isfinite(quat).all():
+            wrong = f'{attribute}="{element.get(attribute)}" in <{element.tag}>'
+            raise AblationError(f"line {element.sourceline}: {wrong} is no orientation")
+        return quat
+
+    def _quaternion(self, attribute: str, values: np.ndarray) -> np.ndarray:
         scale = 1.0 if self.radian else np.pi / 180
-        quat = np.array([1.0, 0.0, 0.0, 0.0])
-        if (text := element.get("quat")) is not None:
-            quat = numbers(text)
+        quat = np.zeros(4)
+        if attribute == "quat":
+            quat = values
             mujoco.mju_normalize4(quat)
-        elif (text := element.get("axisangle")) is not None:
-            values = numbers(text)
-            axis = values[:3] / np.linalg.norm(values[:3])
-            mujoco.mju_axisAngle2Quat(quat, axis, values[3] * scale)
-        elif (text := element.get("euler")) is not None:
-            mujoco.mju_euler2Quat(quat, numbers(text) * scale, self.sequence)
-        elif (text := element.get("xyaxes")) is not None:
-            values = numbers(text)
+        elif attribute == "axisangle":
+            mujoco.mju_axisAngle2Quat(quat, values[:3] / np.linalg.norm(values[:3]), values[3] * scale)
+        elif attribute == "euler":
+            mujoco.mju_euler2Quat(quat, values * scale, self.sequence)
+        elif attribute == "xyaxes":
             x = values[:3] / np.linalg.norm(values[:3])
             y = values[3:] - x * np.dot(x, values[3:])
             y /= np.linalg.norm(y)
             mujoco.mju_mat2Quat(quat, np.column_stack([x, y, np.cross(x, y)]).ravel())
-        elif (text := element.get("zaxis")) is not None:
-            mujoco.mju_quatZ2Vec(quat, numbers(text))
+        else:
+            mujoco.mju_quatZ2Vec(quat, values)
         return quat
 
 

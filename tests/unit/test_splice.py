@@ -9,6 +9,7 @@ import pytest
 
 from morphkit.ablation import Loss, ablate, set_root_height
 from morphkit.description import Description
+from morphkit.errors import AblationError
 from morphkit.io import read
 from morphkit.robots import load
 
@@ -121,3 +122,10 @@ def test_prune_below_a_spliced_limb_and_splice_below_a_pruned_one():
     assert (both.removed, both.spliced, both.limbs) == (("foot",), ("leg",), ("torso", "thigh", "lower_leg"))
     gone = ablate(hopper, remove=["leg"], splice=["lower_leg"])
     assert (gone.removed, gone.spliced) == (("leg", "lower_leg", "foot"), ())
+
+
+def test_an_orientation_that_is_none_cannot_be_spliced():
+    source = CHAIN.replace(b'xyaxes="1 .2 0 0 1 .4"', b'axisangle="0 0 0 .3"')
+    with pytest.raises(AblationError, match=r'line \d+: axisangle="0 0 0 .3" in <body> is no orientation'):
+        ablate(mjcf(source), splice=["middle"])
+    assert ablate(mjcf(source), remove=["middle"]).limbs == ("root",)
