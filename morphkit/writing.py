@@ -26,7 +26,7 @@ from morphkit.packing import AssetMode, Packer
 def write_family(
     source: Description,
     variants: Iterable[Made],
-    folder: Path,
+    folder: Path | str,
     *,
     force: bool = False,
     assets: AssetMode = "copy",
@@ -51,6 +51,7 @@ def write_family(
     Raises:
         OutputError: The folder holds other files, cannot be written, or two variants have one name.
     """
+    folder = Path(folder)
     _check_target(folder, source, force)
     with staged_folder(folder) as stage:
         packer = Packer(folder, stage, assets)

@@ -35,6 +35,24 @@ def test_shown_family_is_what_is_printed(morphkit: Run) -> None:
     assert printed.endswith(end)
 
 
+def test_shown_dry_run_is_what_is_printed(morphkit: Run) -> None:
+    arguments = "ablate quadruped --remove FL_calf --mirror --dry-run"
+    shown = (DOCS / "ablation.md").read_text().split(f"{arguments}\n", 1)[1].split("```", 1)[0]
+    start, end = shown.split("...\n")
+    printed = morphkit(*arguments.split()).stdout
+    assert printed.startswith(start)
+    assert printed.endswith(end)
+
+
+def test_shown_count_of_distinct_bodies_is_what_is_made(morphkit: Run) -> None:
+    printed = morphkit("ablate", "walker", "--all", "--skip-mirrored", "--json", "--dry-run").stdout
+    made = [each for each in json.loads(printed)["variants"] if "mirrors" not in each]
+    assert (
+        f"{len(made)} of the walker's {len(json.loads(printed)['variants'])} are left"
+        in (DOCS / "ablation.md").read_text()
+    )
+
+
 def test_shown_tokens_are_what_is_printed(morphkit: Run) -> None:
     shown = (DOCS / "tokens.md").read_text().split("$ morphkit tokens cheetah\n", 1)[1].split("...", 1)[0]
     assert morphkit("tokens", "cheetah").stdout.startswith(shown)
