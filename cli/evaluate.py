@@ -85,6 +85,7 @@ def _row(result: RobotResult) -> dict[str, Any]:
         "random_interval": result.random_interval,
         "random_returns": result.random_returns,
         "normalised": result.normalised,
+        "diverged": result.diverged,
     }
 
 
@@ -106,6 +107,10 @@ def _print_table(found: Sequence[RobotResult]) -> None:
         )
     shown = table(("body", "trained on", *numbers), rows, right=numbers, dispensable=("std",), width=terminal_width())
     sys.stdout.write(shown)
+    for result in found:
+        if result.diverged:
+            episodes = common.count(result.diverged, "episode")
+            typer.echo(f"{result.robot}: {episodes} ended because the simulation diverged", err=True)
 
 
 def _film(run: Path, bodies: Sequence[Description], video: Path, *, seed: int, task: str | None, base: Any) -> None:

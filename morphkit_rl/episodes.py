@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,28 +17,36 @@ Act = Callable[[list[np.ndarray]], Sequence[np.ndarray]]
 """Observations, one (environments, tokens) a robot, to controls, one (environments, actuators) a robot."""
 
 
-def play(env: BatchEnv, act: Act) -> tuple[list[np.ndarray], list[np.ndarray]]:
+class Played(NamedTuple):
+    """One episode of every environment: returns and lengths, one (environments,) a robot; how many diverged."""
+
+    returns: list[np.ndarray]
+    lengths: list[np.ndarray]
+    diverged: list[int]
+
+
+def play(env: BatchEnv, act: Act) -> Played:
     """Play the first episode of every environment.
 
     Args:
         env: The environments; they are reset.
         act: The controller.
-
-    Returns:
-        Returns and lengths, one (environments,) a robot.
     """
     obs = env.reset()
     returns = [np.zeros(n) for n in env.num_envs]
     lengths = [np.zeros(n, np.int64) for n in env.num_envs]
+    diverged = [0] * env.num_robots
     going = [np.ones(n, bool) for n in env.num_envs]
     while any(mine.any() for mine in going):
         step = env.step(act(obs))
+        for episode in step.episodes:
+            diverged[episode.robot] += episode.diverged and bool(going[episode.robot][episode.env])
         for robot, mine in enumerate(going):
             returns[robot][mine] += step.reward[robot][mine]
             lengths[robot][mine] += 1
             mine &= ~(step.terminated[robot] | step.truncated[robot])
         obs = step.obs
-    return returns, lengths
+    return Played(returns, lengths, diverged)
 
 
 def random_controller(env: BatchEnv, seed: int) -> Act:

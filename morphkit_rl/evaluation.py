@@ -33,6 +33,7 @@ class RobotResult:
         random_returns: Return of each episode with actions drawn uniformly from the control ranges.
         lengths: Steps of each noise-free episode.
         expert_return: Return of a single-robot expert; None where unknown.
+        diverged: Noise-free episodes that ended because the simulation diverged.
     """
 
     robot: str
@@ -41,6 +42,7 @@ class RobotResult:
     random_returns: tuple[float, ...]
     lengths: tuple[int, ...]
     expert_return: float | None
+    diverged: int = 0
 
     @property
     def mean(self) -> float:
@@ -148,9 +150,9 @@ def single_thread() -> Iterator[None]:
 
 def _evaluate_one(policy: Policy, robot: Robot, episodes: int, seed: int) -> RobotResult:
     env = _single(policy, robot, episodes, seed)
-    (returns,), (lengths,) = play(env, lambda obs: [policy.act(robot.spec, obs[0])])
+    (returns,), (lengths,), (diverged,) = play(env, lambda obs: [policy.act(robot.spec, obs[0])])
     env.seed(seed)
-    (random_returns,), _ = play(env, random_controller(env, seed))
+    (random_returns,) = play(env, random_controller(env, seed)).returns
     env.close()
     return RobotResult(
         robot=robot.name,
@@ -159,6 +161,7 @@ def _evaluate_one(policy: Policy, robot: Robot, episodes: int, seed: int) -> Rob
         random_returns=tuple(random_returns.tolist()),
         lengths=tuple(lengths.tolist()),
         expert_return=robot.simulation.description.info.expert_return,
+        diverged=diverged,
     )
 
 

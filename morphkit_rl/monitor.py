@@ -59,7 +59,7 @@ class Monitor:
             self._random = [float(returns.mean()) for returns in play(env, random_controller(env, self.seed))[0]]
         env.seed([self.seed, _STREAM, number])
         self.agent.refresh()
-        returns, _ = play(env, self._act)
+        returns = play(env, self._act).returns
         self.done = number
         return {
             robot.name: {

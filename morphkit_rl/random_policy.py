@@ -78,6 +78,6 @@ def random_returns(
     for description in descriptions:
         robot = prepare(description, task=task, base=base)
         env = BatchEnv([robot.simulation], [robot.task], episodes, seed=seed)
-        (returns,), (lengths,) = play(env, random_controller(env, seed))
+        (returns,), (lengths,), _ = play(env, random_controller(env, seed))
         env.close()
         yield RandomResult(robot.name, tuple(returns.tolist()), tuple(lengths.tolist()), description.info.expert_return)
