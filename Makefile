@@ -1,6 +1,7 @@
 # Every target makes and fills .venv first where it is missing or out of date, so that it is the only command needed.
 #   make demo                     a family of bodies, one policy, a body it never saw (SEED=1 MINUTES=5 for others)
 #   make test | lint | bench      tests; style, types and import rules; measured speeds
+#   make corpus | fuzz            other people's robots, read and cut; broken files, for minutes (outside CI)
 # PYTHON=/path/to/python3.12 chooses the interpreter (3.11 or newer) that makes .venv.
 
 SHELL := bash
@@ -14,7 +15,7 @@ MINUTES ?= 8
 WORKERS ?= auto
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test lint types imports bench clean
+.PHONY: help venv demo test lint types imports bench corpus fuzz clean
 
 help:
 	@sed -n 's/^#   /  /p' Makefile
@@ -50,6 +51,20 @@ imports: $(STAMP)
 
 bench: $(STAMP)
 	@status=0; for program in benchmarks/*.py; do $(BIN)/python $$program || status=1; done; exit $$status
+
+# What the packages hold is unpacked into .corpus (4 GB); their code is not run.
+CORPUS := airo-models armar brax dexmate-urdf dm-control dm-robotics-panda example-robot-data fourier-robot-descriptions \
+	gymnasium gymnasium-robotics hello-robot-stretch-urdf icub-models jvrc-description metaworld mujoco-mjx myosuite \
+	playground pybullet robosuite
+
+corpus: $(STAMP)
+	@for package in $(CORPUS); do [ -d .corpus/$$package ] || \
+		$(BIN)/python -m pip install --quiet --no-deps --no-compile --target .corpus/$$package $$package || exit 1; done
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.corpus.run $(addprefix .corpus/,$(CORPUS)) --output docs/results/corpus.md
+
+FUZZ_MINUTES ?= 5
+fuzz: $(STAMP)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.fuzz.run --minutes $(FUZZ_MINUTES)
 
 clean:
 	rm -rf demo build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

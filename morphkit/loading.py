@@ -11,6 +11,8 @@ import mujoco
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
 from morphkit.io import resolve, xml
+from morphkit.io.attached import locate_models
+from morphkit.io.limits import check_mjcf
 from morphkit.io.mjcf import name_elements
 from morphkit.mesh_files import read_for_mujoco
 
@@ -40,8 +42,8 @@ def load_spec(description: Description, *, incomplete: set[str] | None = None) -
         references = _prepare_urdf(tree.getroot())
     else:
         resolve.flatten_includes(tree, description.folder, file=description.file, packages=description.packages)
-        for model in tree.iterfind("asset/model[@file]"):
-            model.set("file", str(resolve.locate(model.get("file") or "", description)))
+        check_mjcf(tree.getroot(), file=description.file)
+        locate_models(tree, description)
     try:
         spec = mujoco.MjSpec.from_string(xml.serialize(tree).decode())
     except ValueError as error:
@@ -89,11 +91,15 @@ def _resolve_meshes(
     spec: mujoco.MjSpec, description: Description, references: dict[str, str], incomplete: set[str] | None
 ) -> list[str]:
     notes = []
+    assets: dict[str, bytes] = {}
+    geoms: dict[str, list[Any]] = {}
+    for geom in spec.geoms:
+        geoms.setdefault(geom.meshname, []).append(geom)
     for mesh in list(spec.meshes):
         if not mesh.file:
             continue
-        reference = references.get(mesh.file) or str(Path(spec.meshdir) / mesh.file)
-        users = [geom for geom in spec.geoms if geom.meshname == mesh.name]
+        reference = references.get(mesh.file) or str(Path(mesh.compiler.meshdir) / mesh.file)
+        users = geoms.get(mesh.name, [])
         try:
             name, content = _mesh_bytes(reference, description)
         except AssetError as error:
@@ -102,8 +108,9 @@ def _resolve_meshes(
             notes.append(f"mesh {reference!r} was left out: {error}")
             drop_shape(spec, mesh, users, incomplete)
             continue
-        mesh.file = f"{len(spec.assets)}_{name}"
-        spec.assets = {**spec.assets, mesh.file: content}
+        mesh.file = f"{len(assets)}_{name}"
+        assets[mesh.file] = content
+    spec.assets = {**spec.assets, **assets}
     return notes
 
 

@@ -1,0 +1,103 @@
+"""A cut against `MjSpec.delete`: the same model, in the form in which the robot compiles."""
+
+from __future__ import annotations
+
+import bisect
+from collections import defaultdict
+from collections.abc import Iterator
+from typing import Any, Literal
+from unittest import mock
+
+import mujoco
+import numpy as np
+
+from morphkit import loading
+from morphkit.description import Description
+from morphkit.loading import load_spec
+
+Form = Literal["meshes", "mesh-free"]
+"""`meshes`: all meshes found and converted. `mesh-free`: small tetrahedra for meshes, masses bounded and inertias
+balanced."""
+
+TOLERANCE = 1e-9
+_STAND_IN = b"v 0 0 0\nv .02 0 0\nv 0 .02 0\nv 0 0 .02\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+_NAMES = ("body", "joint", "geom", "site", "camera", "light", "tendon", "actuator", "sensor", "equality", "key", "pair")
+
+
+def spec_of(description: Description, form: Form) -> mujoco.MjSpec:
+    """The robot as MuJoCo parses it, in the given form."""
+    if form == "meshes":
+        return load_spec(description)[0]
+    with mock.patch.object(loading, "_mesh_bytes", return_value=("stand_in.obj", _STAND_IN)):
+        spec, _ = load_spec(description)
+    for skin in list(spec.skins):
+        spec.delete(skin)
+    spec.compiler.balanceinertia = True
+    spec.compiler.boundmass, spec.compiler.boundinertia = 1e-3, 1e-6
+    return spec
+
+
+def without_body(description: Description, body: str, form: Form) -> mujoco.MjModel:
+    """The oracle: `body` deleted by MuJoCo. A URDF's unused meshes go too, for its importer makes only used ones."""
+    spec = spec_of(description, form)
+    spec.delete(spec.body(body))
+    if description.format == "urdf":
+        used = {geom.meshname for geom in spec.geoms}
+        for mesh in [mesh for mesh in spec.meshes if mesh.name not in used]:
+            spec.delete(mesh)
+    return spec.compile()
+
+
+def differences(first: mujoco.MjModel, second: mujoco.MjModel) -> list[str]:
+    """What two models differ in: names of arrays, sizes, options and lists of names."""
+    found = []
+    for name in dir(first):
+        if name.startswith(("_", "name", "nname", "path", "npath", "signature")) or name.endswith("pathadr"):
+            continue
+        one, other = getattr(first, name), getattr(second, name)
+        if isinstance(one, np.ndarray):
+            if one.shape != other.shape or not np.allclose(one, other, rtol=TOLERANCE, atol=TOLERANCE, equal_nan=True):
+                found.append(name)
+        elif isinstance(one, int | float | bytes) and one != other:
+            found.append(name)
+    return found + [f"names of {kind}" for kind in _NAMES if _names(first, kind) != _names(second, kind)]
+
+
+def _names(model: mujoco.MjModel, kind: str) -> list[str]:
+    count = {"equality": "neq", "pair": "npair", "key": "nkey", "camera": "ncam", "light": "nlight", "joint": "njnt"}
+    obj = getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}")
+    number = getattr(model, count.get(kind, {"actuator": "nactuator"}.get(kind, f"n{kind}")), None)
+    number = model.nu if number is None else number
+    return [mujoco.mj_id2name(model, obj, index) or "" for index in range(number)]
+
+
+def foreign_lines(before: bytes, after: bytes) -> int:
+    """How many lines of `after` do not stand in `before`, in the same order."""
+    places: dict[bytes, list[int]] = defaultdict(list)
+    for number, line in enumerate(before.splitlines()):
+        places[line.strip()].append(number)
+    at, foreign = -1, 0
+    for line in after.splitlines():
+        known = places.get(line.strip(), [])
+        following = bisect.bisect_right(known, at)
+        if following == len(known):
+            foreign += 1
+        else:
+            at = known[following]
+    return foreign
+
+
+def forms(description: Description) -> Iterator[tuple[Form, str]]:
+    """Try both forms; yield each with the reason why it does not compile, empty where it does."""
+    tries: tuple[Form, ...] = ("meshes", "mesh-free")
+    for form in tries:
+        yield form, reason(lambda form=form: spec_of(description, form).compile())
+
+
+def reason(action: Any) -> str:
+    """Why `action` failed, in one line; empty where it did not."""
+    try:
+        action()
+    except Exception as error:
+        return " ".join(str(error).split())[:300]
+    return ""

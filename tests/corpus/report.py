@@ -1,0 +1,123 @@
+"""The outcomes of the corpus as a page of tables."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter, defaultdict
+from collections.abc import Iterable
+from typing import Any
+
+Outcome = dict[str, Any]
+
+HEAD = """# Robots of other people
+
+Written by `make corpus`, which runs every URDF, xacro and MJCF file of the packages below through `morphkit tokens`,
+and cuts every limb of every robot. A file gives tokens or a precise error; anything else is a failure. A cut is
+compared with `MjSpec.delete`: all arrays of the two compiled models within 1e-9, and the names of their elements. The
+text of the file outside the removed parts must be unchanged.
+
+Files that hold several robots are run once a root (six at most), and once without `--root`, which is an error. Paths
+that leave a file's folder are allowed within its collection, as with `--package`.
+
+*with meshes*: all meshes found and converted to what MuJoCo reads (for 15 s a robot; limbs beyond that are compared
+without). *mesh-free*: every mesh replaced by a small tetrahedron in both models, masses bounded and inertias balanced,
+so that robots compile whose meshes are missing or whose inertias are impossible.
+"""
+
+
+def report(outcomes: Iterable[Outcome]) -> str:
+    """The page."""
+    by_collection: dict[str, list[Outcome]] = defaultdict(list)
+    for outcome in outcomes:
+        by_collection[outcome["collection"]].append(outcome)
+    rows = [_row(name, found) for name, found in by_collection.items()]
+    everything = [outcome for found in by_collection.values() for outcome in found]
+    parts = [
+        HEAD,
+        _table(
+            ("collection", "files", "robots with tokens", "errors", "failures", "limbs cut",
+             "compared with meshes", "compared mesh-free", "not compared", "different"),
+            [*rows, _row("all", everything)],
+        ),
+        "\n## Failures and differences\n",
+        _bullets(
+            f"`{o['collection']}/{o['file']}` {o.get('root', '')}: {_line(o['detail'])}"
+            for o in everything
+            if o["result"] == "failure"
+        ),
+        _bullets(
+            f"`{o['collection']}/{o['file']}` {o.get('root', '')}: {limb}: {what}"
+            for o in everything
+            for limb, what in list(o.get("different", {}).items())[:3]
+        ),
+        "\n## Errors\n",
+        _table(("count", "error", "for example"), _errors(everything)),
+        "\n## Limbs that were not compared\n",
+        _table(("count", "why", "for example"), _reasons(everything)),
+    ]  # fmt: skip
+    return "\n".join(parts)
+
+
+def _row(name: str, found: list[Outcome]) -> tuple[str, ...]:
+    results = Counter(o["result"] for o in found)
+    compared: Counter[str] = Counter()
+    for outcome in found:
+        compared.update(outcome.get("compared", {}))
+    cut = sum(max(o.get("limbs", 1) - 1, 0) for o in found if o["result"] == "tokens")
+    missed = sum(_missed(o) for o in found)
+    files = len({(o["collection"], o["file"]) for o in found})
+    different = sum(len(o.get("different", {})) for o in found)
+    numbers = (files, results["tokens"], results["error"], results["failure"], cut)
+    return (name, *map(str, (*numbers, compared["meshes"], compared["mesh-free"], missed, different)))
+
+
+def _missed(outcome: Outcome) -> int:
+    """Limbs that were compared in no form."""
+    if outcome["result"] != "tokens":
+        return 0
+    most = max(outcome.get("compared", {}).values(), default=0)
+    return max(outcome.get("limbs", 1) - 1, 0) - most
+
+
+def _errors(outcomes: list[Outcome]) -> list[tuple[str, ...]]:
+    groups: dict[str, list[Outcome]] = defaultdict(list)
+    for outcome in outcomes:
+        if outcome["result"] == "error":
+            groups[_kind(outcome["detail"])].append(outcome)
+    ordered = sorted(groups.items(), key=lambda item: -len(item[1]))
+    return [(str(len(found)), kind, f"`{found[0]['file']}`") for kind, found in ordered]
+
+
+def _reasons(outcomes: list[Outcome]) -> list[tuple[str, ...]]:
+    counts: Counter[str] = Counter()
+    example: dict[str, str] = {}
+    for outcome in outcomes:
+        missed = _missed(outcome)
+        if missed:
+            reasons = [*outcome.get("uncompared", {}).values(), outcome.get("forms", {}).get("mesh-free", "")]
+            kind = _kind(": " + next((reason for reason in reasons if reason), "no form compiles"))
+            counts[kind] += missed
+            example.setdefault(kind, outcome["file"])
+    return [(str(count), kind, f"`{example[kind]}`") for kind, count in counts.most_common()]
+
+
+def _kind(detail: str) -> str:
+    """An error without the names and numbers of one file."""
+    text = _line(detail).partition(": ")[2] or _line(detail)
+    return re.sub(r"'[^']*'|\"[^\"]*\"|\d+(\.\d+)?", "*", text)[:110].replace("|", "\\|")
+
+
+def _line(text: str) -> str:
+    lines = [line for line in text.strip().splitlines() if line.strip()]
+    return (lines[-1] if "Traceback" in text else " ".join(lines))[:300] if lines else ""
+
+
+def _bullets(lines: Iterable[str]) -> str:
+    return "\n".join(f"- {line}" for line in lines) or "None."
+
+
+def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    if not rows:
+        return "None."
+    lines = ["| " + " | ".join(row) + " |" for row in (head, tuple("---" for _ in head), *rows)]
+    return "\n".join(lines)

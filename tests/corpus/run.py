@@ -1,0 +1,123 @@
+"""Run the corpus and write the table of results; `make corpus`.
+
+    python -m tests.corpus.run FOLDER... --output docs/results/corpus.md
+
+Every file runs in a worker process; one that crashes or hangs is a failure of that file alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import queue
+import subprocess
+import sys
+import threading
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from .report import report
+
+SUFFIXES = (".urdf", ".xml", ".xacro")
+SECONDS_A_FILE = 300
+
+
+def files(folders: list[Path]) -> Iterator[Path]:
+    """All URDF and xacro files, and the MJCF files among the XML ones, sorted."""
+    for folder in folders:
+        for path in sorted(folder.rglob("*")):
+            if path.suffix in SUFFIXES and path.is_file():
+                if path.suffix == ".xml" and not _is_mjcf(path.read_bytes()):
+                    continue
+                yield path
+
+
+def _is_mjcf(source: bytes) -> bool:
+    return b"<mujoco" in source and b"<mujocoinclude" not in source
+
+
+def run(paths: list[Path], collection: Path, *, cuts: bool) -> list[dict[str, Any]]:
+    """Outcomes of all files; a file on which the worker dies or hangs is a failure."""
+    outcomes: list[dict[str, Any]] = []
+    left = [str(path) for path in paths]
+    while left:
+        current, reason = None, ""
+        command = [sys.executable, "-m", "tests.corpus.survey", str(collection), *([] if cuts else ["--tokens-only"])]
+        worker = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+        assert worker.stdin is not None
+        lines: queue.Queue[str | None] = queue.Queue()
+        threading.Thread(target=_read, args=(worker.stdout, lines), daemon=True).start()
+        threading.Thread(target=_write, args=(worker.stdin, "\n".join(left)), daemon=True).start()
+        while True:
+            try:
+                line = lines.get(timeout=SECONDS_A_FILE)
+            except queue.Empty:
+                worker.kill()
+                reason = f"no answer in {SECONDS_A_FILE} s"
+                break
+            if line is None:
+                reason = f"the process ended with code {worker.wait()}"
+                break
+            if line.startswith("START "):
+                current = line[6:]
+                print(f"\r{len(paths) - len(left)}/{len(paths)}", end="", file=sys.stderr)
+            elif line.startswith("END "):
+                left.remove(line[4:])
+                current = None
+            elif line.startswith("{"):
+                outcomes.append(json.loads(line))
+        if current is not None:
+            left.remove(current)
+            outcomes.append({"file": current, "result": "failure", "detail": reason})
+    print(file=sys.stderr)
+    return outcomes
+
+
+def _read(stream: Any, lines: queue.Queue[str | None]) -> None:
+    for line in stream:
+        lines.put(line.decode().rstrip("\n"))
+    lines.put(None)
+
+
+def _write(stream: Any, text: str) -> None:
+    try:
+        stream.write(text.encode())
+        stream.close()
+    except BrokenPipeError:
+        pass
+
+
+def main() -> int:
+    """Parse the arguments, run, write; 1 where a file failed or a cut differs."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folders", nargs="+", type=Path, help="folders that hold one collection each")
+    parser.add_argument("--output", type=Path, help="write the table here instead of stdout")
+    parser.add_argument("--raw", type=Path, help="write all outcomes here, one JSON object a line")
+    parser.add_argument("--tokens-only", action="store_true", help="do not cut")
+    arguments = parser.parse_args()
+    outcomes = []
+    for folder in arguments.folders:
+        print(folder, file=sys.stderr)
+        found = run(list(files([folder])), folder, cuts=not arguments.tokens_only)
+        outcomes += [
+            {**outcome, "collection": folder.name, "file": _short(outcome["file"], folder)} for outcome in found
+        ]
+        if arguments.raw is not None:
+            arguments.raw.write_text("".join(json.dumps(outcome) + "\n" for outcome in outcomes))
+    text = report(outcomes)
+    if arguments.output is not None:
+        arguments.output.write_text(text)
+    else:
+        print(text)
+    results = Counter(outcome["result"] for outcome in outcomes)
+    return 1 if results["failure"] or any(outcome.get("different") for outcome in outcomes) else 0
+
+
+def _short(file: str, folder: Path) -> str:
+    return str(Path(file).relative_to(folder))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

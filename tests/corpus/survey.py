@@ -1,0 +1,123 @@
+"""Everything that is tried on one file: tokens, and the cut of every limb against `MjSpec.delete`."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+import time
+import traceback
+from dataclasses import asdict, dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from morphkit import loading
+from morphkit.ablation import Cutter
+from morphkit.description import Description
+from morphkit.errors import MorphkitError
+from morphkit.io import read
+from morphkit.robots import load
+from morphkit.tokens import tokens
+
+from .compare import Form, differences, foreign_lines, forms, spec_of, without_body
+
+SECONDS_WITH_MESHES = 15.0
+_ROOTS = re.compile(r"top-level \w+ elements, expected one: (.*)\. Say which")
+
+
+@dataclass
+class Outcome:
+    """What came of one robot: `tokens`, `error` (a precise one) or `failure` (a traceback or a crash)."""
+
+    file: str
+    root: str = ""
+    result: str = "tokens"
+    detail: str = ""
+    limbs: int = 0
+    sensors: int = 0
+    actuators: int = 0
+    declared: int = 0
+    forms: dict[str, str] = field(default_factory=dict)
+    compared: dict[str, int] = field(default_factory=dict)
+    uncompared: dict[str, str] = field(default_factory=dict)
+    different: dict[str, str] = field(default_factory=dict)
+    seconds: float = 0.0
+
+
+def survey(path: str, collection: Path, *, cuts: bool) -> list[Outcome]:
+    """Try one file of a collection; one with several robots gives an outcome for itself and one a robot."""
+    outcome = _survey(path, None, collection, cuts)
+    roots = _ROOTS.search(outcome.detail)
+    several = roots[1].split(", ")[:6] if roots is not None else []
+    return [outcome, *(_survey(path, root, collection, cuts) for root in several)]
+
+
+def _survey(path: str, root: str | None, collection: Path, cuts: bool) -> Outcome:
+    outcome = Outcome(path, root or "")
+    start = time.perf_counter()
+    try:
+        description = load(path, root=root, packages={"collection": collection})
+        morphology = read(description)
+        spec = tokens(morphology)
+        outcome.limbs, outcome.sensors, outcome.actuators = len(spec.limbs), len(spec.sensors), len(spec.actuators)
+        outcome.declared = len(tokens(morphology, naming="canonical", sensors="declared").sensors)
+        assert tokens(read(description)).to_json() == spec.to_json(), "the same file gives other bytes"
+        if cuts and len(spec.limbs) > 1:
+            _cut_each(description, outcome)
+    except MorphkitError as error:
+        outcome.result, outcome.detail = "error", str(error)[:600]
+    except Exception:
+        outcome.result, outcome.detail = "failure", traceback.format_exc()[-1500:]
+    outcome.seconds = round(time.perf_counter() - start, 2)
+    return outcome
+
+
+def _cut_each(description: Description, outcome: Outcome) -> None:
+    outcome.forms = dict(forms(description))
+    usable: list[Form] = [form for form in ("mesh-free", "meshes") if not outcome.forms[form]]  # type: ignore[misc]
+    cutter = Cutter(description)
+    deadline = time.perf_counter() + SECONDS_WITH_MESHES
+    for limb in cutter.morphology.limbs[1:]:
+        variant = cutter.ablate(remove=[limb.name])
+        _check_source(description, variant, limb.name, outcome)
+        done = False
+        for form in usable:
+            if form == "meshes" and done and time.perf_counter() > deadline:
+                continue
+            try:
+                expected = without_body(description, limb.name, form)
+            except Exception as error:
+                outcome.uncompared[limb.name] = f"MjSpec.delete: {' '.join(str(error).split())[:200]}"
+                continue
+            found = differences(spec_of(variant.description, form).compile(), expected)
+            if found:
+                outcome.different[f"{limb.name} ({form})"] = ", ".join(found[:8])
+            outcome.compared[form] = outcome.compared.get(form, 0) + 1
+            done = True
+
+
+def _check_source(description: Description, variant: Any, limb: str, outcome: Outcome) -> None:
+    rewritten = any(loss.kind == "format" for loss in variant.lost)
+    if rewritten or description.source.count(b"\n") < 3:
+        return
+    foreign = foreign_lines(description.source, variant.description.source)
+    if foreign > len(variant.lost):
+        outcome.different[f"{limb} (source)"] = f"{foreign} lines are new, {len(variant.lost)} losses are listed"
+
+
+def main() -> None:
+    """Try the files that stdin lists, one a line; print `START file`, then its outcomes as JSON."""
+    cuts, collection = "--tokens-only" not in sys.argv, Path(sys.argv[1]).resolve()
+    loading.read_for_mujoco = lru_cache(maxsize=None)(loading.read_for_mujoco)  # meshes are converted once a file
+    for line in sys.stdin:
+        path = line.strip()
+        print("START", path, flush=True)
+        loading.read_for_mujoco.cache_clear()
+        for outcome in survey(path, collection, cuts=cuts):
+            print(json.dumps(asdict(outcome)), flush=True)
+        print("END", path, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Broken robot files for the readers and for ablation; see `make fuzz`."""

@@ -1,0 +1,105 @@
+"""Break robot files for some minutes; `make fuzz`.
+
+Workers try files that hypothesis makes. One that raises, dies or takes more than 20 s leaves the file and the reason
+in `.fuzz/`; this program then goes on with the next seed, and ends with 1 where anything was found.
+"""
+
+from __future__ import annotations
+
+import argparse
+import faulthandler
+import subprocess
+import sys
+import time
+import traceback
+from collections import Counter
+from pathlib import Path
+
+SECONDS_A_FILE = 20
+SECONDS_A_WORKER = 60
+
+
+def work(seed: int, folder: Path) -> int:
+    """Try files of one seed for a minute; 1 where one raised: it is left, as small as hypothesis could make it."""
+    from hypothesis import HealthCheck, Phase, given, settings
+    from hypothesis import seed as seeded
+
+    from .strategies import broken_files
+    from .target import attempt
+
+    end = time.monotonic() + SECONDS_A_WORKER
+    ends: Counter[str] = Counter()
+
+    @seeded(seed)
+    @settings(
+        max_examples=10**6,
+        deadline=None,
+        database=None,
+        phases=(Phase.generate, Phase.shrink),
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(source=broken_files())
+    def fuzz(source: bytes) -> None:
+        if time.monotonic() > end:
+            raise TimeoutError
+        (folder / "current").write_bytes(source)
+        faulthandler.dump_traceback_later(SECONDS_A_FILE, exit=True)
+        ends[attempt(source)] += 1
+        faulthandler.cancel_dump_traceback_later()
+
+    try:
+        fuzz()
+    except TimeoutError:
+        pass
+    except BaseException:
+        if time.monotonic() <= end + 30 and "TimeoutError" not in traceback.format_exc().splitlines()[-1]:
+            (folder / "reason").write_text(traceback.format_exc())
+            return 1
+    print(" ".join(f"{count} {what}" for what, count in ends.most_common()), flush=True)
+    return 0
+
+
+def main() -> int:
+    """Run workers one after another until the time is up."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=5.0)
+    parser.add_argument("--seed", type=int, default=int(time.time()))
+    parser.add_argument("--folder", type=Path, default=Path(".fuzz"))
+    parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    if arguments.worker:
+        return work(arguments.seed, arguments.folder)
+    end = time.monotonic() + 60 * arguments.minutes
+    seed, found, ends = arguments.seed, 0, Counter[str]()
+    while time.monotonic() < end:
+        (arguments.folder / "reason").unlink(missing_ok=True)
+        command = [
+            sys.executable,
+            "-m",
+            "tests.fuzz.run",
+            "--worker",
+            "--seed",
+            str(seed),
+            "--folder",
+            str(arguments.folder),
+        ]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        words = done.stdout.split()
+        ends.update(
+            {" ".join(words[i + 1 : i + 2]): int(words[i]) for i in range(0, len(words) - 1, 2) if words[i].isdigit()}
+        )
+        if done.returncode:
+            found += 1
+            reason = arguments.folder / "reason"
+            text = reason.read_text() if reason.exists() else f"exit code {done.returncode}\n{done.stderr[-3000:]}"
+            (arguments.folder / f"{seed}.txt").write_text(text)
+            (arguments.folder / f"{seed}.xml").write_bytes((arguments.folder / "current").read_bytes())
+            print(f"found: {arguments.folder / str(seed)}.xml: {text.strip().splitlines()[-1]}", flush=True)
+        seed += 1
+    print(f"{sum(ends.values())} files tried ({', '.join(f'{n} {e}' for e, n in ends.most_common())}), {found} found")
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

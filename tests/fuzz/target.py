@@ -1,0 +1,42 @@
+"""What a broken file is put through: whatever happens, it has to be a result or a `MorphkitError`."""
+
+from __future__ import annotations
+
+import random
+import zlib
+
+from morphkit.ablation import ablate
+from morphkit.description import Description
+from morphkit.errors import MorphkitError
+from morphkit.io import read, xml
+from morphkit.tokens import TokenSpec, tokens
+
+
+def attempt(source: bytes) -> str:
+    """Read, tokenise and cut; return how far it got.
+
+    What is cut depends on the bytes alone.
+    """
+    chance = random.Random(zlib.crc32(source))
+    try:
+        form = xml.root_format(xml.parse(source, file="broken"), file="broken")
+        robot = Description("broken", "broken.urdf" if form == "urdf" else "broken.xml", form, source)
+        morphology = read(robot)
+        for naming in ("raw", "canonical"):
+            spec = tokens(morphology, naming=naming, sensors="all")
+            assert TokenSpec.from_json(spec.to_json()) == spec
+    except MorphkitError as error:
+        assert str(error).strip()
+        return "refused"
+    members = [member for limb in morphology.limbs for member in limb.members][1:]
+    if not members:
+        return "read"
+    chosen = chance.sample(members, k=min(len(members), chance.choice((1, 1, 2, 4))))
+    try:
+        variant = ablate(robot, **{chance.choice(("remove", "splice")): chosen})
+        part = read(variant.description)
+    except MorphkitError as error:
+        assert str(error).strip()
+        return "not cut"
+    assert [limb.name for limb in part.limbs] == list(variant.limbs)
+    return "cut"
