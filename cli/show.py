@@ -90,14 +90,27 @@ def _draw(description: Description, path: Path) -> None:
 
 
 def _film(description: Description, path: Path) -> None:
+    from rich.console import Console
+    from rich.progress import track
+
     from morphkit.mechanics import load_mechanics
     from morphkit.pictures import check_video_path, write_video
-    from morphkit.portraits import FPS, swing_frames
+    from morphkit.portraits import FPS, film, swing_shots
 
     check_video_path(path)
     mechanics = load_mechanics(description)
     _say(mechanics.notes)
-    write_video(swing_frames(mechanics), path, FPS)
+    shots = swing_shots(mechanics)
+    console = Console(stderr=True)
+    frames = track(
+        film(mechanics, shots),
+        "filming",
+        total=len(shots),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )
+    write_video(frames, path, FPS)
     typer.echo(f"film: {path}", err=True)
 
 

@@ -161,8 +161,13 @@ def _leave_out(spec: mujoco.MjSpec, complaint: str, incomplete: set[str], notes:
     reason = " ".join(complaint.removeprefix("Error:").split())
     for mesh in spec.meshes:
         if (mesh.name and f"'{mesh.name}'" in complaint) or (mesh.file and mesh.file in complaint):
+            users = [geom for geom in spec.geoms if geom.meshname == mesh.name]
+            if "volume" in complaint and mesh.inertia != mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL:
+                mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # It can be drawn, but nothing weighs it.
+                incomplete.update(geom.parent.name for geom in users if _weighs_by_shape(spec, geom.parent))
+                return True
             notes.append(f"mesh {mesh.name!r} was left out: {reason}")
-            drop_shape(spec, mesh, [geom for geom in spec.geoms if geom.meshname == mesh.name], incomplete)
+            drop_shape(spec, mesh, users, incomplete)
             return True
     named = _ELEMENT.search(complaint)
     body = spec.body(named[1]) if named and "inertia" in complaint else None
@@ -179,9 +184,8 @@ def _leave_out(spec: mujoco.MjSpec, complaint: str, incomplete: set[str], notes:
 def _start_pose(model: mujoco.MjModel) -> np.ndarray:
     """The first key frame, else the zero pose, with hinges and slides within their limits."""
     pose = np.array(model.key_qpos[0] if model.nkey and np.isfinite(model.key_qpos[0]).all() else model.qpos0)
-    kinds = mujoco.mjtJoint
     for joint in range(model.njnt):
-        if model.jnt_limited[joint] and model.jnt_type[joint] in (kinds.mjJNT_HINGE, kinds.mjJNT_SLIDE):
+        if model.jnt_limited[joint] and JOINT_KINDS[int(model.jnt_type[joint])] in ("hinge", "slide"):
             address = model.jnt_qposadr[joint]
             pose[address] = np.clip(pose[address], *model.jnt_range[joint])
     return pose

@@ -73,7 +73,8 @@ class Chrome:
         self.requested: list[str] = []
         try:
             ready = profile / "DevToolsActivePort"
-            port, path = wait_for(lambda: ready.read_text().split() if ready.is_file() else [])
+            wait_for(lambda: ready.is_file() and len(ready.read_text().split()) == 2)
+            port, path = ready.read_text().split()
             with connect(f"ws://127.0.0.1:{port}{path}", max_size=None) as browser:
                 browser.send(json.dumps({"id": 1, "method": "Target.getTargets"}))
                 targets = json.loads(browser.recv(timeout=10))["result"]["targetInfos"]
