@@ -102,6 +102,18 @@ def test_seeds() -> None:
     np.testing.assert_array_equal(env.reset(seed=[1, 2, 3])[0], env.reset(seed=[1, 2, 3])[0])
 
 
+def test_threads_do_not_change_results() -> None:
+    envs = [gymnasium.make_vec("morphkit/humanoid_2d_8_left_knee-v0", num_envs=5, num_threads=n) for n in (1, 2, 4)]
+    starts = [env.reset(seed=2)[0] for env in envs]
+    np.testing.assert_array_equal(starts[0], starts[1])
+    for _ in range(60):
+        action = envs[0].action_space.sample()
+        first, *others = [env.step(action) for env in envs]
+        for other in others:
+            for one, same in zip(first[:4], other[:4], strict=True):
+                np.testing.assert_array_equal(one, same)
+
+
 def test_observation_modes_of_the_vector_environment() -> None:
     fixed, legacy = (
         gymnasium.make_vec("morphkit/cheetah-v0", num_envs=2, observation=mode) for mode in ("fixed", "legacy")
