@@ -158,6 +158,11 @@ class Morphology:
 
     def subtree(self, name: str) -> Iterator[Limb]:
         """Yield limb `name` and all limbs below it, depth first."""
-        yield self.limb(name)
-        for child in self.children(name):
-            yield from self.subtree(child.name)
+        below: dict[str | None, list[Limb]] = {}
+        for limb in self.limbs:
+            below.setdefault(limb.parent, []).append(limb)
+        pending = [self.limb(name)]
+        while pending:  # no recursion: a chain may be longer than Python's stack
+            limb = pending.pop()
+            yield limb
+            pending.extend(reversed(below.get(limb.name, [])))

@@ -99,12 +99,14 @@ def fold(name: str) -> str:
 def unique(names: Iterable[str], separator: str = "_", taken: Iterable[str] = ()) -> list[str]:
     """Number the names that read like an earlier one (or one of `taken`): `foot`, `foot_2`, `foot_3`."""
     seen = {fold(name) for name in taken}
+    counts: dict[str, int] = {}  # where to go on counting, so that many equal names take no quadratic time
     result = []
     for name in names:
-        candidate, count = name, 1
+        candidate, count = name, counts.get(name, 1)
         while fold(candidate) in seen:
             count += 1
             candidate = f"{name}{separator}{count}"
+        counts[name] = count
         seen.add(fold(candidate))
         result.append(candidate)
     return result

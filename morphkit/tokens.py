@@ -29,8 +29,8 @@ __all__ = ["VELOCITY_LIMIT", "ActuatorToken", "Naming", "SensorToken", "TokenLim
 SCHEMA_VERSION = 1
 
 SensorChoice = Literal["limb", "declared", "all"]
-_Sensed = tuple[str, str | None, str, str | None, str, str | None, float | None, float | None]
-"""Name, limb, quantity, component, unit, frame, low, high."""
+_About = tuple[str | None, str, str | None, str, str | None, float | None, float | None]
+"""Limb, quantity, component, unit, frame, low and high of a sensor token."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,16 +207,16 @@ def tokens(
             raise ConfigError(f"{option} is {value!r}, expected one of {', '.join(choices)}")
     labels = limb_labels(morphology, naming, limb_names, canonical or {})
     joints = {limb.name: joint_labels(limb, naming, labels[limb.name]) for limb in morphology.limbs}
-    sensed: list[_Sensed] = []
+    sensed: list[tuple[str, _About]] = []
     if sensors != "declared":
         for limb in morphology.limbs:
             for _, suffix, quantity, component, unit, frame, limit in limb_scalars(limb, joints[limb.name]):
                 name = f"{labels[limb.name]}_{suffix}"
-                sensed.append((name, limb.name, quantity, component, unit, frame, limit and -limit, limit))
+                sensed.append((name, (limb.name, quantity, component, unit, frame, limit and -limit, limit)))
     if sensors != "limb":
         for name, sensor, reading in declared_readings(morphology, canonical=naming == "canonical"):
-            sensed.append((name, sensor.limb, *astuple(reading)))
-    names = unique(name for name, *_ in sensed)
+            sensed.append((name, (sensor.limb, *astuple(reading))))
+    names = unique(name for name, _ in sensed)
     controls = unique(actuator_names(morphology.actuators, naming, labels, joints), taken=names)
 
     def text(name: str) -> str:
@@ -237,7 +237,7 @@ def tokens(
         ),
         sensors=tuple(
             SensorToken(i, name, text(name), *about)
-            for i, (name, (_, *about)) in enumerate(zip(names, sensed, strict=True))
+            for i, (name, about) in enumerate(zip(names, (about for _, about in sensed), strict=True))
         ),
         actuators=tuple(
             ActuatorToken(i, name, text(name), a.limb, a.joint, a.unit, _finite(a.low), _finite(a.high))

@@ -159,7 +159,8 @@ def _fields(
     for slot in range(slots):
         for field, components, unit in chosen:
             for axis in components:
-                parts = [field if len(chosen) > 1 or kind == "contact" else "", axis, str(slot) if slots > 1 else ""]
+                named = len(chosen) > 1 or kind == "contact"
+                parts = [field if named else "", axis or "", str(slot) if slots > 1 else ""]
                 component = "_".join(part for part in parts if part) or None
                 yield Reading(kind, component, unit, "world" if axis else None, low, high)
 

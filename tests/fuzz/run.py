@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import faulthandler
+import json
 import subprocess
 import sys
 import time
@@ -55,7 +56,7 @@ def work(seed: int, folder: Path) -> int:
         if time.monotonic() <= end + 30 and "TimeoutError" not in traceback.format_exc().splitlines()[-1]:
             (folder / "reason").write_text(traceback.format_exc())
             return 1
-    print(" ".join(f"{count} {what}" for what, count in ends.most_common()), flush=True)
+    print(json.dumps(ends), flush=True)
     return 0
 
 
@@ -85,10 +86,8 @@ def main() -> int:
             str(arguments.folder),
         ]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
-        words = done.stdout.split()
-        ends.update(
-            {" ".join(words[i + 1 : i + 2]): int(words[i]) for i in range(0, len(words) - 1, 2) if words[i].isdigit()}
-        )
+        if done.stdout.startswith("{"):
+            ends.update(json.loads(done.stdout))
         if done.returncode:
             found += 1
             reason = arguments.folder / "reason"

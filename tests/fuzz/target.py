@@ -5,15 +5,18 @@ from __future__ import annotations
 import random
 import zlib
 
+import mujoco
+
 from morphkit.ablation import ablate
 from morphkit.description import Description
 from morphkit.errors import MorphkitError
 from morphkit.io import read, xml
+from morphkit.simulation import compile_plain
 from morphkit.tokens import TokenSpec, tokens
 
 
 def attempt(source: bytes) -> str:
-    """Read, tokenise and cut; return how far it got.
+    """Read, tokenise, simulate and cut; return how far it got.
 
     What is cut depends on the bytes alone.
     """
@@ -28,6 +31,7 @@ def attempt(source: bytes) -> str:
     except MorphkitError as error:
         assert str(error).strip()
         return "refused"
+    _simulate(robot)
     members = [member for limb in morphology.limbs for member in limb.members][1:]
     if not members:
         return "read"
@@ -39,4 +43,15 @@ def attempt(source: bytes) -> str:
         assert str(error).strip()
         return "not cut"
     assert [limb.name for limb in part.limbs] == list(variant.limbs)
-    return "cut"
+    return "cut, and the cut robot simulated" if _simulate(variant.description) else "cut"
+
+
+def _simulate(robot: Description) -> bool:
+    """Compile it and step once; whether MuJoCo accepts it."""
+    try:
+        model = compile_plain(robot)
+    except MorphkitError as error:
+        assert str(error).strip()
+        return False
+    mujoco.mj_step(model, mujoco.MjData(model))
+    return True
