@@ -70,6 +70,8 @@ def save(run: Path, tensors: Mapping[str, Mapping[str, np.ndarray]], state: Mapp
     """
     folder = run / "checkpoints"
     name = f"step-{state['real_steps']:012d}-{state['updates']:010d}"
+    if has_checkpoint(run) and (folder / _LATEST).read_text().strip() == name:
+        name += "-again"  # the latest is only ever removed once another is whole
     temporary = folder / f".{name}.tmp"
     try:
         shutil.rmtree(temporary, ignore_errors=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from morphkit.io import read
+from morphkit.tokens import tokens
 from morphkit_rl.replay import Ring, sample
 
 
@@ -153,3 +155,17 @@ def test_half_precision_rounds_and_bounds_but_never_overflows() -> None:
     assert np.isfinite(obs).all()
     assert np.isfinite(next_obs).all()
     assert np.abs(obs).max() == 65504
+
+
+def test_ten_million_transitions_of_the_whole_benchmark_take_less_than_eight_gib() -> None:
+    from morphkit.robots import load, recipes
+
+    names = [name for family in ("cheetah", "walker", "humanoid_2d", "hopper") for name in recipes(family)]
+    assert len(names) == 32
+    specs = [tokens(read(load(name))) for name in names]
+    share, capacity = 1000, 10_000_000
+    for dtype, limit in (("float32", 4.5), ("float16", 2.3)):
+        rings = [Ring(len(s.sensors), len(s.limbs), 8, capacity // 32 // share, dtype) for s in specs]
+        held = sum(ring.sweeps * ring.num_envs for ring in rings)
+        newest = sum(ring.newest.nbytes for ring in rings)
+        assert (sum(ring.nbytes for ring in rings) - newest) / held * capacity < limit * 2**30

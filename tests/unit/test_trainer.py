@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ def config() -> TrainConfig:
         overrides=[
             *("model.d_model=16", "model.layers=1", "model.feedforward=16"),
             *("td3.batch_size=16", "td3.n_step=3", "trainer.start_steps=40", "trainer.num_envs=2"),
-            "trainer.checkpoint_seconds=0.2",
+            *("trainer.checkpoint_seconds=0.2", "trainer.updates_per_sweep=1"),
         ]
     )
 
@@ -97,7 +98,7 @@ def test_run_folder_tells_what_was_done(run: Path) -> None:
     assert saved["versions"]["torch"] == torch.__version__
     rows = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
     assert rows[-1]["steps"] == 200
-    assert rows[-1]["updates"] == (200 - 40) // 4 * 4
+    assert rows[-1]["updates"] == (200 - 40) // 4
     assert list((run / "tensorboard").iterdir())
     assert len([p for p in (run / "checkpoints").iterdir() if p.is_dir()]) == 1
 
@@ -205,3 +206,14 @@ def test_diverging_or_foreign_run_folders_are_named(tmp_path: Path) -> None:
         Policy.load(tmp_path / "nothing")
     with pytest.raises(CheckpointError, match="not a run folder"):
         Policy.load(tmp_path)
+
+
+def test_a_checkpoint_of_the_same_moment_never_replaces_the_latest_in_place(run: Path) -> None:
+    session = Session(runs.load(run))
+    elapsed_s = session.restore(run)
+    names = [checkpoint.load_state(run)[0].name]
+    for _ in range(3):
+        session.save(run, elapsed_s)
+        names.append(checkpoint.load_state(run)[0].name)
+        assert [path.name for path in (run / "checkpoints").iterdir() if path.is_dir()] == names[-1:]
+    assert all(one != other for one, other in pairwise(names))
