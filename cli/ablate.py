@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import sys
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
@@ -128,7 +129,7 @@ def ablate(
         title, folder = report.matches(cutter, wish, mirror=mirror), output or Path(variant.description.name)
     tally = report.Tally(every=every, title=title)
     if dry_run:
-        _show_plan(cutter, [*map(tally.enter, found)], tally, as_json=as_json, quiet=quiet)
+        _show_plan(cutter, map(tally.enter, found), tally, as_json=as_json, quiet=quiet)
         return
 
     made = report.with_progress(map(tally.enter, found), limit=limit, quiet=quiet or not every)
@@ -201,9 +202,11 @@ def _one(source: Description, variant: Variant, check: bool, notes: list[str]) -
     yield result
 
 
-def _show_plan(cutter: Cutter, variants: list[Made], tally: report.Tally, *, as_json: bool, quiet: bool) -> None:
+def _show_plan(cutter: Cutter, variants: Iterator[Made], tally: report.Tally, *, as_json: bool, quiet: bool) -> None:
     if as_json:
         common.print_json({"dry_run": True, "variants": [report.as_json(each) for each in variants]})
-    elif not quiet:
-        tree = "" if tally.every else report.tree(cutter.morphology, variants[0]) + "\n"
+        return
+    last = deque(variants, maxlen=1)  # of a family the tally has what is shown
+    if not quiet:
+        tree = "" if tally.every else report.tree(cutter.morphology, last[0]) + "\n"
         sys.stdout.write(f"{tree}{tally.text()}\nnothing written: dry run\n")

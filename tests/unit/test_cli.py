@@ -60,6 +60,11 @@ def test_bug_is_not_hidden(monkeypatch):
         (["ablate", "cheetah"], "say what to cut"),
         (["ablate", "cheetah", "--all", "--remove", "ffoot"], "leave out --remove"),
         (["ablate", "cheetah", "--all", "--limit", "0"], "--limit"),
+        (["ablate", "cheetah", "--all", "--mirror"], "leave out --remove, --splice, --keep, --mirror and --name"),
+        (["ablate", "cheetah", "--remove", "ffoot", "--skip-mirrored"], "--skip-mirrored goes with --all"),
+        (["ablate", "cheetah", "--remove", "ffoot", "--jobs", "0"], "--jobs"),
+        (["ablate", "cheetah", "--remove", "ffoot", "--assets", "link"], "--assets"),
+        (["ablate", "cheetah", "--keep", "fot", "--dry-run"], "did you mean 'foot'"),
         (["train", "--run", "somewhere"], "say what to train on"),
         (["train", "cheetah"], "Missing option '--run'"),
         (["train", "cheetah", "--run", "somewhere", "--resume", "--seed", "0"], "leave out ROBOT, --seed"),
@@ -76,7 +81,7 @@ def test_wrong_usage_is_explained(arguments, expected, capsys):
     assert "--help'." in captured.err
 
 
-@pytest.mark.parametrize("command", ["robots", "tokens", "ablate", "train", "evaluate"])
+@pytest.mark.parametrize("command", ["robots", "tokens", "ablate", "diff", "show", "train", "evaluate"])
 def test_help_has_examples(command, capsys):
     assert run([command, "--help"]) == 0
     assert f"morphkit {command}" in capsys.readouterr().out.split("Examples:")[1]
