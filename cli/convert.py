@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from morphkit.conversion import Conversion, Missing
 
 SCHEMA_VERSION = 1
-SHOWN_NAMES = 6
+SHOWN_NAMES = 4
 
 EXAMPLES = (
     "morphkit convert my_robot.urdf my_robot.xml",
@@ -97,7 +97,7 @@ def _text(conversion: Conversion, written: Sequence[Path]) -> str:
     lines += [f"  {note}\n" for note in conversion.notes]
     if conversion.missing:
         lines.append("\nwithout counterpart in MJCF:\n")
-        columns = ("kind", "number", "names", "why")
+        columns = ("kind", "number", "why", "names")
         rows = _grouped(conversion.missing)
         lines.append(table(columns, rows, right=["number"], fold=True, width=terminal_width()))
     meshes = f" and {common.count(len(written) - 1, 'file')} in {written[1].parent}/" if len(written) > 1 else ""
@@ -112,6 +112,6 @@ def _grouped(missing: Sequence[Missing]) -> list[tuple[str, str, str, str]]:
         reason = each.reason.partition(" (")[0]
         groups.setdefault((each.kind, reason), []).append(each.name or f"line {each.line}")
     return [
-        (kind, str(len(names)), ", ".join(names[:SHOWN_NAMES]) + (", ..." if len(names) > SHOWN_NAMES else ""), reason)
+        (kind, str(len(names)), reason, ", ".join(names[:SHOWN_NAMES]) + (", ..." if len(names) > SHOWN_NAMES else ""))
         for (kind, reason), names in groups.items()
     ]

@@ -8,6 +8,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from morphkit.errors import DescriptionError
+
 _MARGIN = 1e-9
 """Share by which moments stay clear of what MuJoCo refuses, so that its rounding does no harm."""
 
@@ -23,6 +25,9 @@ def settle_masses(spec: mujoco.MjSpec) -> Iterator[str]:
     Links without a mass weigh nothing, whatever their shapes; a moving one to which nothing heavy is fixed gets 1 g. An
     inertia of zero becomes that of a radius of gyration of 1 cm. Impossible ones keep their axes: negative moments
     become small, and the smaller ones grow until no moment exceeds the sum of the others.
+
+    Raises:
+        DescriptionError: An inertia is infinite.
     """
     for body in spec.bodies[1:]:
         if body.explicitinertial and body.mass > 0:
@@ -61,7 +66,10 @@ def _settle_inertia(body: Any) -> Iterator[str]:
         moments, axes = np.array(body.inertia, dtype=float), np.eye(3)
     else:
         xx, yy, zz, xy, xz, yz = body.fullinertia
-        moments, axes = np.linalg.eigh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if not np.isfinite(tensor).all():
+            raise DescriptionError(f"link {body.name!r}: its inertia is not finite; 'morphkit check' says where")
+        moments, axes = np.linalg.eigh(tensor)
     settled = possible_moments(moments, float(body.mass))
     if np.array_equal(settled, moments):
         return

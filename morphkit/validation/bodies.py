@@ -31,7 +31,7 @@ class Shape:
     corners: np.ndarray
 
 
-def box(volume: float, half: Sequence[float], pose: Any) -> Shape:
+def box(volume: float, half: Sequence[float] | np.ndarray, pose: Any) -> Shape:
     """A shape of a volume, m^3, whose bounding box has half extents `half`, m, around `pose`."""
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
     return Shape(volume, np.array([pose.apply(corner) for corner in signs * np.asarray(half)]))

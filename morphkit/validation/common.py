@@ -11,6 +11,7 @@ from morphkit.io.common import nearest
 from morphkit.validation.document import Document
 
 _BAD_NAME = re.compile(r"""^\s|\s$|["'<>&\\`]|[\x00-\x1f\x7f]|^$""")
+_LONGEST = 100
 _XACRO = re.compile(r"\$[({]")
 
 
@@ -78,6 +79,8 @@ def index_names(doc: Document, found: Iterable[Any], what: str, *, required: boo
     return known
 
 
-def unknown(what: str, name: str, known: Iterable[str]) -> str:
-    """`link 'foo', which does not exist; did you mean 'foot'?`."""
-    return f"{what} {shorten(name)!r}, which does not exist{nearest(name, known)}"
+def unknown(doc: Document, what: str, name: str, known: Iterable[str]) -> str:
+    """`link 'foo', which does not exist; did you mean 'foot'?`; the hint is left out where there were many."""
+    doc.hints_left -= 1
+    hint = nearest(name[:_LONGEST], known) if doc.hints_left >= 0 else ""
+    return f"{what} {shorten(name)!r}, which does not exist{hint}"

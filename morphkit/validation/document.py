@@ -17,6 +17,7 @@ from morphkit.io.xacro import expand
 from morphkit.validation.finding import Report
 
 MAX_INCLUDES = 1000
+_MAX_HINTS = 50
 _PLACE = re.compile(r"^(?P<file>.*?):(?P<line>\d+): (?P<reason>.*)$", re.DOTALL)
 
 
@@ -29,6 +30,7 @@ class Document:
         packages: Folder of each package that the user named.
         report: Receives the findings.
         complete: Whether every include could be followed; where not, unknown names prove nothing.
+        hints_left: For how many more unknown names the nearest one is looked for, which takes time.
     """
 
     def __init__(self, root: Any, path: Path, report: Report, packages: Mapping[str, Path], *, lines: bool) -> None:
@@ -37,6 +39,7 @@ class Document:
         self.packages = packages
         self.report = report
         self.complete = True
+        self.hints_left = _MAX_HINTS
         self._lines = lines
         self._file_of: dict[int, str] = {}
         self._held: list[Any] = []  # keeps lxml's proxies alive, so that id() identifies an element

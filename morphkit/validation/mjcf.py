@@ -88,7 +88,7 @@ def check_names(doc: Document, made: Mapping[str, list[str]] | None) -> None:
         if name not in known.get(kind, ()):
             own = element.get("name")
             label = f"<{element.tag}>" + (f" {own!r}" if own else "")
-            what = f"{label} refers to {unknown(kind, name, known.get(kind, ()))}"
+            what = f"{label} refers to {unknown(doc, kind, name, known.get(kind, ()))}"
             doc.add("reference-unknown", element, what, name=own or name)
     classes = {each.get("class") for each in doc.root.iterfind(".//default")} | {"main"}
     for element in doc.root.iter("*"):
@@ -96,7 +96,7 @@ def check_names(doc: Document, made: Mapping[str, list[str]] | None) -> None:
             name = element.get(attribute)
             if name is not None and element.tag != "default" and name not in classes:
                 listed = [each for each in classes if each]
-                what = f"<{element.tag}> refers to {unknown('default class', name, listed)}"
+                what = f"<{element.tag}> refers to {unknown(doc, 'default class', name, listed)}"
                 doc.add("reference-unknown", element, what, name=element.get("name") or "")
 
 

@@ -100,7 +100,9 @@ def _end(doc: Document, joint: Any, name: str, tag: str, links: dict[str, Any]) 
         doc.add("reference-unknown", joint, f"joint {name!r} has no {tag} link", name=name, fix=fix)
         return None
     if link not in links:
-        doc.add("reference-unknown", element, f"joint {name!r} has as {tag} {unknown('link', link, links)}", name=name)
+        doc.add(
+            "reference-unknown", element, f"joint {name!r} has as {tag} {unknown(doc, 'link', link, links)}", name=name
+        )
         return None
     return str(link)
 
@@ -136,7 +138,7 @@ def check_references(doc: Document, tree: UrdfTree) -> None:
                 doc.add(
                     "reference-unknown",
                     mimic,
-                    f"joint {name!r} mimics {unknown('joint', target, tree.joints)}",
+                    f"joint {name!r} mimics {unknown(doc, 'joint', target, tree.joints)}",
                     name=name,
                 )
     _check_materials(doc)
@@ -144,18 +146,18 @@ def check_references(doc: Document, tree: UrdfTree) -> None:
         target = block.get("reference")
         if target is not None and target not in tree.links and target not in tree.joints:
             known = [*tree.links, *tree.joints]
-            doc.add("reference-ignored", block, f"<gazebo> refers to {unknown('link or joint', target, known)}")
+            doc.add("reference-ignored", block, f"<gazebo> refers to {unknown(doc, 'link or joint', target, known)}")
     for sensor in elements(root, "sensor"):
         for parent in elements(sensor, "parent"):
             target = parent.get("link") or parent.get("joint") or ""
             if target not in tree.links and target not in tree.joints:
-                what = f"sensor {sensor.get('name')!r} sits on {unknown('link', target, tree.links)}"
+                what = f"sensor {sensor.get('name')!r} sits on {unknown(doc, 'link', target, tree.links)}"
                 doc.add("reference-unknown", parent, what, name=sensor.get("name") or "")
     for control in elements(root, "ros2_control"):
         for element in elements(control, "joint"):
             target = element.get("name") or ""
             if target not in tree.joints:
-                what = f"<ros2_control> drives {unknown('joint', target, tree.joints)}"
+                what = f"<ros2_control> drives {unknown(doc, 'joint', target, tree.joints)}"
                 doc.add("reference-unknown", element, what, name=target)
 
 
@@ -170,7 +172,7 @@ def _check_materials(doc: Document) -> None:
         if name and name not in defined:
             link = next(each.get("name") for each in material.iterancestors("link"))
             known = [each for each in defined if each]
-            what = f"a visual of link {link!r} has {unknown('material', name, known)}"
+            what = f"a visual of link {link!r} has {unknown(doc, 'material', name, known)}"
             doc.add("material-undefined", material, what, name=name)
     for material in top:
         if material.get("name") not in used:

@@ -139,7 +139,7 @@ def _check_drives(doc: Document, tree: UrdfTree) -> None:
         for element, joint in names:
             driven.add(joint)
             if joint not in tree.joints:
-                what = f"{label} drives {unknown('joint', joint, tree.joints)}"
+                what = f"{label} drives {unknown(doc, 'joint', joint, tree.joints)}"
                 doc.add("reference-unknown", element, what, name=block.get("name") or "")
             elif tree.joints[joint].get("type") == "fixed":
                 doc.add("transmission-idle", element, f"{label} drives fixed joint {joint!r}", name=joint)

@@ -216,16 +216,26 @@ def _shape(part: Any, mesh_at: Mapping[int, MeshUse], facts: Mapping[str, MeshFa
         return Shape(volume, corners(known.bounds, use.scale, use.pose))
     try:
         pose = urdf_pose(next(iter(elements(part, "origin")), None))
-        radius, length = float(shape.get("radius", 0.0)), float(shape.get("length", 0.0))
-        if shape.tag == "box":
-            x, y, z = (float(word) / 2 for word in shape.get("size", "").split())
-            return box(8 * x * y * z, (x, y, z), pose)
+        sizes = [float(word) for key in ("size", "radius", "length") for word in shape.get(key, "").split()]
     except (ValueError, TypeError):
         return None  # no numbers, which is reported
+    proper = pose.position.shape == (3,) and np.isfinite(pose.position).all() and np.isfinite(sizes).all()
+    if not proper or min(sizes, default=0.0) <= 0:
+        return None
+    return _primitive(str(shape.tag), sizes, pose)
+
+
+def _primitive(kind: str, sizes: Sequence[float], pose: Pose) -> Shape | None:
+    """A box (x, y, z), sphere (radius), cylinder or capsule (radius, length); None for another number of sizes."""
+    if kind == "box" and len(sizes) == 3:
+        return box(float(np.prod(sizes)), np.array(sizes) / 2, pose)
+    radius = sizes[0]
     ball = 4 / 3 * np.pi * radius**3
-    if shape.tag == "sphere":
+    if kind == "sphere" and len(sizes) == 1:
         return box(ball, (radius, radius, radius), pose)
-    tube = np.pi * radius**2 * length
-    if shape.tag == "cylinder":
-        return box(tube, (radius, radius, length / 2), pose)
-    return box(tube + ball, (radius, radius, length / 2 + radius), pose) if shape.tag == "capsule" else None
+    if kind not in ("cylinder", "capsule") or len(sizes) != 2:
+        return None
+    tube, half = np.pi * radius**2 * sizes[1], sizes[1] / 2
+    if kind == "cylinder":
+        return box(tube, (radius, radius, half), pose)
+    return box(tube + ball, (radius, radius, half + radius), pose)

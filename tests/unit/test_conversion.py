@@ -14,7 +14,7 @@ import yourdfpy
 import morphkit
 from morphkit.conversion import Conversion, convert, write_conversion
 from morphkit.conversion.inertias import possible_moments
-from morphkit.errors import ConfigError, OutputError
+from morphkit.errors import ConfigError, DescriptionError, OutputError
 from morphkit.simulation import build
 from morphkit_cli.main import run
 
@@ -307,3 +307,19 @@ def test_bad_input_leaves_nothing(
     assert run(["convert", *arguments]) == 2
     assert expected in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_shown_conversion_is_what_is_printed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "convert.md").read_text("utf-8")
+    monkeypatch.chdir(tmp_path)
+    assert run(["convert", "quadruped", "quadruped.xml"]) == 0
+    assert capsys.readouterr().out == page.split("quadruped.xml\n", 1)[1].split("```", 1)[0]
+
+
+def test_infinite_inertia_is_refused(tmp_path: Path) -> None:
+    path = robot(tmp_path / "r")
+    path.write_text(EVERYTHING.replace('izz="0.04"', 'izz="1e400"'))
+    with pytest.raises(DescriptionError, match=r"not finite|too large"):
+        convert(morphkit.load(path))

@@ -325,6 +325,13 @@ def test_many_findings_are_counted_not_listed(tmp_path: Path) -> None:
     assert report.count("error") == 1 + 390
 
 
+def test_numbers_that_are_none_break_nothing(tmp_path: Path) -> None:
+    for origin in ('xyz="" rpy="1 2 3 4"', 'xyz="1e400 0 0"', 'xyz="a b c"'):
+        part = f'<collision><origin {origin}/><geometry><box size="1 1 1"/></geometry></collision>'
+        report = check_text(tmp_path, "r.urdf", urdf(leg=inertial() + part), deep=False)
+        assert {found.rule for found in report.findings} <= {"number-invalid", "number-infinite"}
+
+
 def test_unreadable_file_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match=r"no\.urdf: cannot be read"):
         check(tmp_path / "no.urdf")
