@@ -141,9 +141,11 @@ def _report(summary: TrainSummary, hold_out: list[str], *, as_json: bool, quiet:
             {
                 "run": str(summary.run),
                 "steps": summary.steps,
+                "real_steps": summary.real_steps,
                 "updates": summary.updates,
                 "elapsed_s": summary.elapsed_s,
                 "interrupted": summary.interrupted,
+                "diverged": summary.diverged,
                 "returns": summary.returns,
             }
         )
@@ -155,6 +157,9 @@ def _report(summary: TrainSummary, hold_out: list[str], *, as_json: bool, quiet:
             f"{common.count(summary.steps, 'step')} and {common.count(summary.updates, 'update')} "
             f"in {common.duration(summary.elapsed_s)}; run: {summary.run}\n"
         )
+    if summary.diverged and not quiet:
+        episodes = common.count(summary.diverged, "episode")
+        typer.echo(f"{episodes} ended because the simulation diverged", err=True)
     if summary.interrupted:
         typer.echo(f"stopped at a checkpoint; go on with: morphkit train --run {summary.run} --resume", err=True)
         raise KeyboardInterrupt

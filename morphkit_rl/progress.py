@@ -37,13 +37,26 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class TrainSummary:
-    """How a run ended; `interrupted` where Ctrl-C ended it before its budget."""
+    """How a run ended.
+
+    Attributes:
+        run: The run folder.
+        steps: Environment steps over all robots; those that the schedule counts.
+        real_steps: All environment steps.
+        updates: Critic updates.
+        elapsed_s: Training time, s, over all resumptions.
+        returns: Mean return of each robot's latest episodes, with exploration noise.
+        diverged: Episodes that ended because the simulation diverged.
+        interrupted: Whether Ctrl-C ended it before its budget.
+    """
 
     run: Path
     steps: int
+    real_steps: int
     updates: int
     elapsed_s: float
     returns: dict[str, float]
+    diverged: int
     interrupted: bool
 
 

@@ -153,9 +153,17 @@ class Trainer:
         log.write(self._metrics(mark))
         log.close()
         session.close()
-        interrupted = self._fraction() < 1
-        now = self._progress(mark)
-        return TrainSummary(run, now.steps, now.updates, now.elapsed_s, now.returns, interrupted)
+        now, collector = self._progress(mark), session.collector
+        return TrainSummary(
+            run=run,
+            steps=now.steps,
+            real_steps=collector.real_steps,
+            updates=now.updates,
+            elapsed_s=now.elapsed_s,
+            returns=now.returns,
+            diverged=int(collector.env.diverged.sum()),
+            interrupted=now.fraction < 1,
+        )
 
     def _evaluate(self, interrupts: Interrupts) -> dict[str, dict[str, Any]] | None:
         """Evaluate without using up training time; None where Ctrl-C cut it short."""

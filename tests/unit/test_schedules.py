@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
+from torch.utils._python_dispatch import TorchDispatchMode
 
 from morphkit.robots import load
 from morphkit_rl.config import TrainConfig, load_config
+from morphkit_rl.models import METHODS
 from morphkit_rl.runs import RunSettings
 from morphkit_rl.schedules import Rounds, Sweeps
 from morphkit_rl.session import Session
@@ -171,3 +175,31 @@ def test_the_schedule_of_a_checkpoint_must_be_that_of_the_run(tmp_path: Path) ->
 def test_sweeps_is_the_default() -> None:
     assert isinstance(session("arm").schedule, Sweeps)
     assert replace(TrainConfig().trainer, schedule="rounds") != TrainConfig().trainer
+
+
+class Operations(TorchDispatchMode):
+    """Counts the operations of a stretch of code by name."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.seen: Counter[str] = Counter()
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        self.seen[str(func.overloadpacket)] += 1
+        indices = args[1] if str(func.overloadpacket) in ("aten.index", "aten.index_put", "aten.index_put_") else ()
+        self.seen["aten.nonzero"] += sum(index is not None and index.dtype == torch.bool for index in indices)
+        return func(*args, **(kwargs or {}))
+
+
+WAITING = {f"aten.{name}" for name in ("_local_scalar_dense", "nonzero", "bincount", "masked_select", "_unique2")}
+"""Operations that make the host wait for a GPU."""
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_collecting_and_learning_wait_for_a_device_only_to_fetch_actions(method: str) -> None:
+    small = ("trainer.num_envs=2", "trainer.start_steps=4", "model.code_size=4", "model.token_size=4")
+    one = run_on(session("hopper", "hopper_3", overrides=(*small, f"model.method={method}")), 3)
+    with Operations() as operations:
+        one.schedule.advance()
+    assert operations.seen
+    assert {name: count for name, count in operations.seen.items() if count and name in WAITING} == {}
