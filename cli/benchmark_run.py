@@ -85,7 +85,9 @@ def run(
     try:
         for each in run_matrix(plans, out, watch=watch, device=device):
             found.append(each)
-            if not quiet and each.state != "done":
+            if each.state == "failed":
+                typer.echo(f"{each.cell}: failed: {each.detail}; see {each.folder / 'failure.json'}", err=True)
+            elif not quiet and each.state != "done":
                 typer.echo(f"{each.cell}: {each.state}: {each.detail}", err=True)
     except KeyboardInterrupt:
         typer.echo(f"{len(found)} of {common.count(len(plans), 'cell')} behind; the same command goes on", err=True)

@@ -31,7 +31,7 @@ def write_curves(
         split: Name of the split.
         tasks: The panels.
         entries: What the matrix has of this split.
-        measure: `return`, as the study shows it, or `score`: the interquartile mean over seeds and training robots.
+        measure: `return`, as the study shows it, or `score`: the interquartile mean over seeds and robots.
         heading: Text above.
     """
     from matplotlib.lines import Line2D
@@ -90,6 +90,7 @@ def _draw(
     if len(ends) == 1:
         style.say(axes, "no values yet" if entries else "not in this matrix")
     axes.set_xlim(0, end)
+    axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
     style.remark(axes, remarks)
 
 

@@ -40,13 +40,14 @@ def seed_curve(cell: Status, measure: Measure) -> SeedCurve | None:
     Args:
         cell: The cell.
         measure: `return`: mean return of training episodes, with exploration noise. `score`: (return - random) /
-            (expert - random) of each training robot, noise-free, where an expert return is known.
+            (expert - random), noise-free, of each validation robot, or training robot where there are none, whose
+            expert return is known.
     """
     rows = cell.metrics
     if measure == "return":
         points = [(row["steps"], [row["return_mean"]]) for row in rows if row.get("return_mean") is not None]
     else:
-        robots = list(cell.plan["train"])
+        robots = list(cell.plan["validation"] or cell.plan["train"])
         evaluated = [(row["steps"], row["evaluation"]) for row in rows if row.get("evaluation")]
         points = [(steps, [found[name]["score"] for name in robots if name in found]) for steps, found in evaluated]
         points = [(steps, [score for score in scores if score is not None]) for steps, scores in points]

@@ -13,6 +13,8 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from morphkit.errors import OutputError
+
 _LOCK, _OWNER = ".lock", "owner.json"
 _PATIENCE_S = 1.0  # another process may hold the lock for a moment, just to see whether it is free
 
@@ -36,6 +38,9 @@ def hold(folder: Path) -> Iterator[bool]:
     Yields:
         False where another process holds it; the block must then leave the folder alone. A process that was killed
         holds nothing.
+
+    Raises:
+        OutputError: The file system knows no locks.
     """
     lock = FileLock(folder / _LOCK)
     try:
@@ -43,6 +48,8 @@ def hold(folder: Path) -> Iterator[bool]:
     except Timeout:
         yield False
         return
+    except NotImplementedError:
+        raise OutputError(f"{folder}: lies on a file system without locks; put the matrix on another one") from None
     try:
         note = asdict(Owner(os.getpid(), socket.gethostname(), time.time()))
         (folder / _OWNER).write_text(json.dumps(note) + "\n", "utf-8")

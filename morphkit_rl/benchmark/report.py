@@ -135,14 +135,16 @@ def _draw(
     done, asked = sum(len(e.done) for e in entries), sum(len(e.cells) for e in entries)
     seeds = " or ".join(map(str, sorted({len(each.cells) for each in entries})))
     state = f"{done} of {asked} cells done, seeds: {seeds}"
-    role = "validation robots" if any(each.role == "validation" for each in entries) else "held-out robots"
+    validation = any(each.role == "validation" for each in entries)
     at = f"; published: at {published_steps() / 1e6:g}M steps" if split in load_benchmark().splits else ""
     heading = f"Split {split}: training return, with exploration noise ({state}{at})"
     write_curves(stage / f"training-split-{split}.png", split, tasks, entries, "return", heading)
-    heading = f"Split {split}: noise-free score of the training robots, interquartile mean ({state})"
+    watched = "validation" if validation else "training"
+    heading = f"Split {split}: noise-free score of the {watched} robots, interquartile mean ({state})"
     write_curves(stage / f"scores-split-{split}.png", split, tasks, entries, "score", heading)
     if with_held_out:
-        heading = f"Split {split}: noise-free return on {role} ({state})"
+        role = "validation" if validation else "held-out"
+        heading = f"Split {split}: noise-free return on {role} robots ({state})"
         write_bars(stage / f"zero-shot-split-{split}.png", split, with_held_out, entries, totals, heading)
 
 

@@ -101,12 +101,13 @@ def write_cell(plan: Plan, folder: Path, state: str, level: float) -> None:
 
 
 def _metrics(plan: Plan, level: float, share: float, rng: np.random.Generator) -> list[dict[str, Any]]:
-    experts = {each.name: each.info.expert_return for each in plan.bodies.train}
+    experts = {each.name: each.info.expert_return for each in (*plan.bodies.train, *plan.bodies.validation)}
     budget = float(plan.steps or 1)
     rows = []
     for part in np.linspace(0.005, 1.0, 60)[: max(2, round(60 * share))]:
         mean = level * (1 - np.exp(-3.5 * part)) / (1 - np.exp(-3.5)) + rng.normal(0, 0.04 * level)
-        returns = {name: float(mean * rng.uniform(0.8, 1.2)) for name in experts}
+        evaluated = {name: float(mean * rng.uniform(0.8, 1.2)) for name in experts}
+        returns = {each.name: evaluated[each.name] for each in plan.bodies.train}
         rows.append(
             {
                 "steps": round(budget * part),
@@ -118,7 +119,7 @@ def _metrics(plan: Plan, level: float, share: float, rng: np.random.Generator) -
                 "returns": returns,
                 "evaluation": {
                     name: {"mean": value, "returns": [value], "score": value / (experts[name] or 1.0)}
-                    for name, value in returns.items()
+                    for name, value in evaluated.items()
                 },
             }
         )

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from benchmark_matrix import make_matrix
 
-from morphkit.errors import CheckpointError, ConfigError, UnknownNameError
+from morphkit.errors import CheckpointError, ConfigError, OutputError, UnknownNameError
 from morphkit_rl.benchmark.cells import CELL, Cell, create, read_cell, read_matrix
 from morphkit_rl.benchmark.definition import load_benchmark
 from morphkit_rl.benchmark.lock import hold, owner
@@ -157,6 +157,15 @@ def test_a_lock_dies_with_its_process(tmp_path: Path) -> None:
     with hold(tmp_path) as ours:
         assert ours
     assert owner(tmp_path) == (None, False)
+
+
+def test_a_file_system_without_locks_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise NotImplementedError("FileSystem does not appear to support flock")
+
+    monkeypatch.setattr("filelock.FileLock.acquire", refuse)
+    with pytest.raises(OutputError, match="without locks"), hold(tmp_path):
+        pass
 
 
 def test_a_damaged_note_is_no_owner(tmp_path: Path) -> None:

@@ -206,6 +206,9 @@ def test_validation_is_called_so_and_compared_with_nothing_published(tmp_path: P
     make_matrix(tmp_path / "m", tasks=["walkers"], methods=["ma-bert"], seeds=2, validate=True)
     entry = summarise(read_matrix(tmp_path / "m"))[0]
     assert entry.role == "validation"
+    scores = seed_curve(entry.cells[0], "score")
+    assert scores is not None
+    assert scores.values.shape[1] == len(entry.cells[0].plan["validation"]) == 1
     assert overall([entry], lambda _: 1)[0].tasks == ("walkers",)
     write_report(tmp_path / "m", tmp_path / "report")
     text = (tmp_path / "report/report.md").read_text()
