@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import tomllib
-import types
-import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
@@ -14,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from morphkit.errors import ConfigError, UnknownNameError
+from morphkit_rl.settings import build, lists_for_tuples, override
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +155,7 @@ class TrainConfig:
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Sections and their settings, as JSON and TOML can hold them."""
-        return dataclasses.asdict(self, dict_factory=_lists_for_tuples)
+        return dataclasses.asdict(self, dict_factory=lists_for_tuples)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], *, origin: str) -> TrainConfig:
@@ -166,7 +164,7 @@ class TrainConfig:
         Raises:
             ConfigError: A section or key does not exist, or a value has the wrong type or range.
         """
-        return _build(cls, values, origin, "")
+        return build(cls, values, origin)
 
 
 def presets() -> tuple[str, ...]:
@@ -188,88 +186,15 @@ def load_config(preset: str | Path = "default", overrides: Sequence[str] = ()) -
     """
     if str(preset) in presets():
         origin = f"preset {preset}"
-        text = (resources.files("morphkit_rl") / "presets" / f"{preset}.toml").read_text()
+        source = (resources.files("morphkit_rl") / "presets" / f"{preset}.toml").read_text()
     elif Path(preset).suffix == ".toml" and Path(preset).is_file():
-        origin, text = str(preset), Path(preset).read_text()
+        origin, source = str(preset), Path(preset).read_text()
     else:
         raise UnknownNameError(f"no preset {str(preset)!r} and no such .toml file; presets: {', '.join(presets())}")
     try:
-        values: dict[str, Any] = tomllib.loads(text)
+        values: dict[str, Any] = tomllib.loads(source)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{origin}: not valid TOML: {error}") from None
-    for override in overrides:
-        _override(values, override)
+    for text in overrides:
+        override(values, text)
     return TrainConfig.from_dict(values, origin=origin)
-
-
-def _override(values: dict[str, Any], override: str) -> None:
-    key, equals, text = override.partition("=")
-    section, dot, name = key.strip().partition(".")
-    if not (equals and dot and name):
-        raise ConfigError(f"--set {override!r}: expected section.name=value, such as td3.tau=0.01")
-    try:
-        value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        value = text.strip()
-    if not isinstance(values.setdefault(section, {}), dict):
-        raise ConfigError(f"--set {override!r}: {section!r} is no section")
-    values[section][name] = value
-
-
-def _build(kind: type[Any], values: Mapping[str, Any], origin: str, section: str) -> Any:
-    hints = typing.get_type_hints(kind)
-    arguments: dict[str, Any] = {}
-    for key, value in values.items():
-        where = f"{section}.{key}" if section else key
-        if key not in hints:
-            near = difflib.get_close_matches(key, hints, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"there is {', '.join(hints)}"
-            raise ConfigError(f"{origin}: unknown setting {where!r}; {hint}")
-        hint = hints[key]
-        if dataclasses.is_dataclass(hint):
-            if not isinstance(value, Mapping):
-                raise ConfigError(f"{origin}: {where} is a section, not a value")
-            arguments[key] = _build(typing.cast("type[Any]", hint), value, origin, where)
-        else:
-            arguments[key] = _check(hint, value, f"{origin}: {where}")
-    return kind(**arguments)
-
-
-_AT_LEAST_ONE = (
-    "batch_size", "n_step", "policy_delay", "num_envs", "updates_per_sweep",
-    "replay_capacity", "evaluate_episodes", "d_model", "layers", "heads", "feedforward",
-)  # fmt: skip
-
-
-def _check(hint: Any, value: Any, where: str) -> Any:
-    name = where.rpartition(".")[2]
-    if typing.get_origin(hint) is Literal:
-        choices = typing.get_args(hint)
-        if value not in choices:
-            raise ConfigError(f"{where} is {value!r}; expected one of {', '.join(choices)}")
-        return value
-    if isinstance(hint, types.UnionType):
-        raise TypeError(f"{where}: settings have one type")
-    if hint == tuple[str, ...]:
-        return _words(value, where)
-    if hint is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
-    if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
-        raise ConfigError(f"{where} is {value!r}; expected {hint.__name__}")
-    if hint in (int, float):
-        lowest = 1 if name in _AT_LEAST_ONE else 0
-        if not lowest <= value < float("inf"):
-            raise ConfigError(f"{where} is {value!r}; expected a number of at least {lowest}")
-    return value
-
-
-def _words(value: Any, where: str) -> tuple[str, ...]:
-    """A list of strings; a string stands for its parts between commas."""
-    words = [part.strip() for part in value.split(",") if part.strip()] if isinstance(value, str) else value
-    if not isinstance(words, list | tuple) or not all(isinstance(word, str) for word in words):
-        raise ConfigError(f"{where} is {value!r}; expected a list of strings")
-    return tuple(words)
-
-
-def _lists_for_tuples(items: list[tuple[str, Any]]) -> dict[str, Any]:
-    return {key: list(value) if isinstance(value, tuple) else value for key, value in items}

@@ -146,7 +146,7 @@ def load(run: Path) -> RunSettings:
     saved = read(run)
     try:
         robots, validation = (
-            tuple(_robot_from_json(run, entry) for entry in saved[part]) for part in ("robots", "validation")
+            tuple(_robot_from_json(run, entry) for entry in saved.get(part, ())) for part in ("robots", "validation")
         )
         fields = {name: saved[name] for name in ("task", "base", "seed", "minutes", "steps", "device", "threads")}
         config = TrainConfig.from_dict(saved["config"], origin=str(run / "config.json"))
@@ -230,7 +230,7 @@ def _robot_from_json(run: Path, entry: Mapping[str, Any]) -> Description:
         folder=Path(entry["folder"]) if entry["folder"] else None,
         info=RobotInfo(**info),
         root=entry["root"],
-        packages={name: Path(folder) for name, folder in entry["packages"].items()},
+        packages={name: Path(folder) for name, folder in entry.get("packages", {}).items()},
     )
     if robot.sha256 != entry["sha256"]:
         raise CheckpointError(f"{run / 'robots' / entry['source']}: changed since the run began")

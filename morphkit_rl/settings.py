@@ -1,0 +1,104 @@
+"""Settings in dataclasses: filled from nested mappings, checked, changed by `section.name=value`."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import tomllib
+import types
+import typing
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from morphkit.errors import ConfigError
+
+
+def override(values: dict[str, Any], text: str) -> None:
+    """Change one setting of `values` (sections of settings) by `section.name=value`; the value is TOML, or a bare word.
+
+    Raises:
+        ConfigError: `text` has another form.
+    """
+    key, equals, written = text.partition("=")
+    section, dot, name = key.strip().partition(".")
+    if not (equals and dot and name):
+        raise ConfigError(f"--set {text!r}: expected section.name=value, such as td3.tau=0.01")
+    try:
+        value = tomllib.loads(f"value = {written}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = written.strip()
+    if not isinstance(values.setdefault(section, {}), dict):
+        raise ConfigError(f"--set {text!r}: {section!r} is no section")
+    values[section][name] = value
+
+
+def build(kind: type[Any], values: Mapping[str, Any], origin: str, section: str = "") -> Any:
+    """Fill a dataclass, and those that are its fields, from nested settings.
+
+    Args:
+        kind: The dataclass.
+        values: Settings by name; those that are missing keep their defaults.
+        origin: Where they come from, for messages.
+        section: Where `kind` stands, such as `td3`; empty for the whole.
+
+    Raises:
+        ConfigError: A setting does not exist, or has the wrong type or range.
+    """
+    hints = typing.get_type_hints(kind)
+    arguments: dict[str, Any] = {}
+    for key, value in values.items():
+        where = f"{section}.{key}" if section else key
+        if key not in hints:
+            near = difflib.get_close_matches(key, hints, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"there is {', '.join(hints)}"
+            raise ConfigError(f"{origin}: unknown setting {where!r}; {hint}")
+        hint = hints[key]
+        if dataclasses.is_dataclass(hint):
+            if not isinstance(value, Mapping):
+                raise ConfigError(f"{origin}: {where} is a section, not a value")
+            arguments[key] = build(typing.cast("type[Any]", hint), value, origin, where)
+        else:
+            arguments[key] = _check(hint, value, f"{origin}: {where}")
+    return kind(**arguments)
+
+
+_AT_LEAST_ONE = (
+    "batch_size", "n_step", "policy_delay", "num_envs", "updates_per_sweep",
+    "replay_capacity", "evaluate_episodes", "d_model", "layers", "heads", "feedforward",
+    "code_size", "token_size", "message_size",
+)  # fmt: skip
+
+
+def _check(hint: Any, value: Any, where: str) -> Any:
+    name = where.rpartition(".")[2]
+    if typing.get_origin(hint) is Literal:
+        choices = typing.get_args(hint)
+        if value not in choices:
+            raise ConfigError(f"{where} is {value!r}; expected one of {', '.join(choices)}")
+        return value
+    if isinstance(hint, types.UnionType):
+        raise TypeError(f"{where}: settings have one type")
+    if hint == tuple[str, ...]:
+        return _words(value, where)
+    if hint is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
+        raise ConfigError(f"{where} is {value!r}; expected {hint.__name__}")
+    if hint in (int, float):
+        lowest = 1 if name in _AT_LEAST_ONE else 0
+        if not lowest <= value < float("inf"):
+            raise ConfigError(f"{where} is {value!r}; expected a number of at least {lowest}")
+    return value
+
+
+def _words(value: Any, where: str) -> tuple[str, ...]:
+    """A list of strings; a string stands for its parts between commas."""
+    words = [part.strip() for part in value.split(",") if part.strip()] if isinstance(value, str) else value
+    if not isinstance(words, list | tuple) or not all(isinstance(word, str) for word in words):
+        raise ConfigError(f"{where} is {value!r}; expected a list of strings")
+    return tuple(words)
+
+
+def lists_for_tuples(items: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A `dict_factory` for `dataclasses.asdict` whose values JSON and TOML give back as they are."""
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in items}
