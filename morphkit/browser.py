@@ -14,6 +14,7 @@ from morphkit.ablation import Variant, ablate
 from morphkit.browser_scene import RobotScene
 from morphkit.description import Description
 from morphkit.errors import ConfigError, DependencyError, MorphkitError
+from morphkit.markdown import fenced, plain
 from morphkit.masses import limb_masses
 from morphkit.mechanics import Mechanics, load_mechanics
 from morphkit.posing import Dial, dials, pose
@@ -227,10 +228,10 @@ class BrowserViewer:
     def _describe(self, variant: Variant | None) -> str:
         if variant is None:
             return "Click on a limb to remove it with everything below it."
-        lines = [f"Removed: **{_plain(', '.join(variant.removed))}**", f"```\n{self.command_line()}\n```"]
+        lines = [f"Removed: **{plain(', '.join(variant.removed))}**", fenced(self.command_line())]
         if variant.lost:
             lines.append(f"Lost with it: {len(variant.lost)}")
-            lines.append("\n".join(f"- {loss.kind} {_plain(loss.name)}" for loss in variant.lost[:_SHOWN_LOSSES]))
+            lines.append("\n".join(f"- {loss.kind} {plain(loss.name)}" for loss in variant.lost[:_SHOWN_LOSSES]))
             if len(variant.lost) > _SHOWN_LOSSES:
                 lines.append(f"and {len(variant.lost) - _SHOWN_LOSSES} more")
         return "\n\n".join(lines)
@@ -241,12 +242,7 @@ def _title(mechanics: Mechanics) -> str:
     masses = [mass.mass for mass in limb_masses(mechanics).values() if mass is not None]
     parts = (("limb", robot.limbs), ("joint", robot.joints), ("actuator", robot.actuators))
     numbers = [f"{len(some)} {what}{'' if len(some) == 1 else 's'}" for what, some in parts]
-    return f"### {_plain(robot.name)}\n{' · '.join(numbers)} · {sum(masses):.4g} kg"
-
-
-def _plain(text: str) -> str:
-    """Text whose characters mean nothing to Markdown."""
-    return "".join(f"\\{char}" if char in r"\`*_{}[]<>()#+-.!|~$" else char for char in text)
+    return f"### {plain(robot.name)}\n{' · '.join(numbers)} · {sum(masses):.4g} kg"
 
 
 def _rounded(dial: Dial, value: float) -> float:

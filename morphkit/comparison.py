@@ -206,10 +206,10 @@ def _summary(facts: Facts) -> dict[str, Any]:
 
 
 def counts(facts: Facts) -> dict[str, float | None]:
-    """How much of everything a robot has; its mass in kg."""
+    """How much of everything a robot has, without the joints of its base; its mass in kg."""
     return {
         "limbs": len(facts.limbs),
-        "joints": len(facts.joints),
+        "joints": len(facts.morphology.joints),
         "actuators": len(facts.actuators),
         "mass": facts.mass,
         "sensor_tokens": len(facts.sensor_tokens),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from morphkit import opengl, portraits
 from morphkit.description import Description
 from morphkit.dressing import geom_colour, visible_geoms
 from morphkit.errors import ConfigError, DependencyError
+from morphkit.markdown import fenced, plain
 from morphkit.masses import limb_masses
 from morphkit.mechanics import base_joints, load_mechanics
 from morphkit.posing import dials, pose, swing
@@ -227,6 +229,22 @@ def test_meshes_keep_their_triangles_and_planes_have_none() -> None:
     assert surface(model, 1) is None
 
 
+# Names in the browser.
+
+
+@pytest.mark.parametrize("name", ["{alert(1)}", "<b>x</b>", "a_b*c", "[x](http://y)", "`x`", "a\n# b"])
+def test_names_stay_text_in_markdown(name: str) -> None:
+    text = plain(name)
+    assert "\n" not in text
+    assert not re.search(r"(?<!\\)[`*_{}\[\]<>#]", text)
+    assert text.replace("\\", "") == " ".join(name.split())
+
+
+def test_code_cannot_end_its_block() -> None:
+    assert fenced("a").splitlines() == ["```", "a", "```"]
+    assert fenced("a\n````\n{b}").splitlines() == ["`````", "a", "````", "{b}", "`````"]
+
+
 # Pictures, films and the command.
 
 
@@ -292,3 +310,16 @@ def test_without_viser_the_message_says_how_to_get_it(
     monkeypatch.setitem(sys.modules, "viser", None)
     assert run(["show", "cheetah", "--web"]) == 2
     assert 'pip install "morphkit[viewer]"' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"), [(["show", "cheetah_3_balanced"], 0), (["diff", "cheetah", "cheetah_3_balanced"], 1)]
+)
+def test_documentation_shows_what_is_printed(
+    arguments: list[str], code: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(arguments) == code
+    printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    page = (Path(__file__).parents[2] / "docs" / "viewing.md").read_text(encoding="utf-8")
+    shown = page.split(f"$ morphkit {' '.join(arguments)}\n", 1)[1].split("```", 1)[0]
+    assert printed == shown.splitlines()
