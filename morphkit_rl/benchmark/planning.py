@@ -56,14 +56,18 @@ def plan_matrix(
     if preset is not None and len(methods) > 1:
         raise ConfigError("--preset goes with a single method; run the others by a command of their own")
     steps = published_steps() if steps is None and minutes is None else steps
-    found = []
+    found: list[Plan] = []
+    checked = set()
     for split in splits:
         configs = {name: method_config(name, split, preset=preset, overrides=overrides) for name in methods}
         for task in tasks:
             bodies = gather(benchmark, task, split, validate=validate)
             for config in configs.values():
                 for body in (*bodies.train, *bodies.validation, *bodies.test):
-                    find(config.model.method).check(prepare_robot(config, body).spec, config.model)
+                    key = (body.name, body.sha256, repr(config))
+                    if key not in checked:
+                        find(config.model.method).check(prepare_robot(config, body).spec, config.model)
+                        checked.add(key)
             found += [
                 Plan(Cell(split, task, name, seed), bodies, configs[name], steps, minutes, episodes, validate)
                 for name in methods
