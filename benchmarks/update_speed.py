@@ -1,96 +1,229 @@
-"""Updates a second of the default preset with all robots in one row, beside one robot after another.
+"""Time of a TD3 update of the published methods, beside the same methods written plainly in float32.
 
-12 cheetah bodies, the preset's own batch size. The yardstick gives every robot its share of the batch in an update of
-its own, in the order that the published code uses, and twelve of them count as one. The two take turns; medians are
-printed.
+Seven limbs of 19 scalars, batch 100, the sizes of the paper presets; same weights, same batches, one process. The
+yardsticks are in published_baselines.py. Ours and theirs take turns; medians over turns are printed, with the ratio.
+Beside each precision stands the relative error of the actions and of all parameters' gradients (critics', actor's)
+against float64, and the most memory that an update held at once. Embeddings of MA-BERT are random numbers of BERT's
+size, which changes no time.
 
-    python benchmarks/update_speed.py [--repeats 5] [--preset default] [--json]
+    python benchmarks/update_speed.py [--methods ma-bert anymorph amorpheus smp] [--precisions float32 bfloat16]
+        [--turns 7] [--updates 4] [--batch 100] [--threads N] [--device cpu] [--growth UPDATES] [--json]
+
+--growth does so many updates at toy size instead, and prints by how much memory and Python objects grew.
 """
 
 from __future__ import annotations
 
 import argparse
+import gc
 import json
+import resource
 import statistics
 import time
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import published_baselines as plain
 import torch
+from torch import Tensor, nn
 
-from morphkit.io import read
-from morphkit.robots import load
-from morphkit.tokens import TokenSpec, tokens
-from morphkit_rl import runs
-from morphkit_rl.config import load_config
-from morphkit_rl.models.layout import Layout, build_layout
+from morphkit_rl.config import ModelConfig, TD3Config
+from morphkit_rl.models import load_published
+from morphkit_rl.models.blocks import set_precision
+from morphkit_rl.models.layout import Layout
+from morphkit_rl.models.vocabulary import Vocabulary
 from morphkit_rl.replay import Batch
 from morphkit_rl.td3 import TD3, resolve_precision
-from morphkit_rl.text.embedder import TokenEmbedder
 
-BODIES = (
-    *("cheetah_2_back", "cheetah_2_front", "cheetah_3_back", "cheetah_3_front", "cheetah_4_allback"),
-    *("cheetah_4_allfront", "cheetah_4_back", "cheetah_4_front", "cheetah_5_balanced", "cheetah_5_front"),
-    *("cheetah_6_back", "cheetah_7_full"),
-)
-UPDATES = 12
+LIMBS = ("torso", "bthigh", "bshin", "bfoot", "fthigh", "fshin", "ffoot")
+PARENTS = (-1, 0, 1, 2, 0, 4, 5)
+SCALARS = 19
+MODEL = ModelConfig(d_model=128, layers=3, heads=2, feedforward=256, code_size=96, token_size=32, message_size=32)
+TOY = ModelConfig(d_model=8, layers=1, heads=1, feedforward=8, code_size=4, token_size=4, message_size=4)
+EMBEDDING = {"ma-bert": 768, "anymorph": 32}
+RATE = {"ma-bert": 5e-5, "anymorph": 5e-5, "amorpheus": 1e-4, "smp": 1e-4}
+TAU, NOISE, CLIP, DISCOUNT = 0.046, 0.2, 0.5, 0.99
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--repeats", type=int, default=5, help="turns of which the median is taken")
-    parser.add_argument("--preset", default="default")
+    parser.add_argument("--methods", nargs="+", choices=list(RATE), default=list(RATE))
+    parser.add_argument("--precisions", nargs="+", choices=["float32", "bfloat16"])
+    parser.add_argument("--turns", type=int, default=7, help="turns of which the median is taken")
+    parser.add_argument("--updates", type=int, default=4, help="updates in a turn; an even number")
+    parser.add_argument("--batch", type=int, default=100)
+    parser.add_argument("--threads", type=int, help="torch threads; default: torch's own choice")
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--growth", type=int, metavar="UPDATES", help="watch memory at toy size instead")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    arguments = parser.parse_args()
-
-    config = load_config(arguments.preset)
-    specs = [_spec(name, config.text.naming) for name in BODIES]
-    texts = [text for spec in specs for text in spec.texts]
-    embedder = TokenEmbedder.fit(runs.make_encoder(config), texts)
-    precision = resolve_precision(config.trainer.precision, "cpu")
-    share = -(-config.td3.batch_size // len(specs))
-    together = [build_layout(specs, embedder)]
-    one_by_one = [build_layout([spec], embedder) for spec in specs]
-    rates: dict[str, list[float]] = {"all robots in one row": [], "one robot after another": []}
-    for turn in range(arguments.repeats + 1):
-        for measured, layouts in zip(rates.values(), (together, one_by_one), strict=True):
-            torch.manual_seed(0)
-            learner = TD3(config.model, config.td3, embedder.size, precision=precision)
-            batches = [_batch(layout, share) for layout in layouts]
-            rng = np.random.default_rng(0)
-            start = time.perf_counter()
-            for _ in range(UPDATES):
-                for layout, batch in zip(layouts, batches, strict=True):
-                    ones, zeros = torch.ones(layout.num_tokens), torch.zeros(layout.num_tokens)
-                    learner.update(batch, ones, zeros, layout, rng)
-            if turn:  # the first turn warms up
-                measured.append(UPDATES / (time.perf_counter() - start))
-    medians = {name: statistics.median(measured) for name, measured in rates.items()}
-    ratio = medians["all robots in one row"] / medians["one robot after another"]
-    if arguments.json:
-        print(
-            json.dumps({"updates_per_s": medians, "ratio": ratio, "batch": share * len(specs), "precision": precision})
-        )
+    options = parser.parse_args()
+    if options.threads:
+        torch.set_num_threads(options.threads)
+    if options.growth:
+        results = {method: growth(method, options.growth) for method in options.methods}
+    else:
+        default = resolve_precision("auto", options.device)
+        precisions = options.precisions or list(dict.fromkeys(["float32", default]))
+        results = {method: measure(method, precisions, options) for method in options.methods}
+    if options.json:
+        print(json.dumps({"threads": torch.get_num_threads(), "device": options.device, "methods": results}))
         return
-    print(
-        f"updates of preset {arguments.preset}: {len(specs)} bodies, batch {share * len(specs)}, {precision}, "
-        f"{torch.get_num_threads()} threads"
-    )
-    for name, rate in medians.items():
-        print(f"  {name:<26}{rate:8.1f} updates/s")
-    print(f"  {'ratio':<26}{ratio:8.1f}")
+    print(f"{torch.get_num_threads()} threads, {options.device}, torch {torch.__version__}")
+    for method, rows in results.items():
+        for name, figures in rows.items():
+            print(f"{method:<10}{name:<10}" + "  ".join(f"{key} {value:.4g}" for key, value in figures.items()))
 
 
-def _spec(name: str, naming: str) -> TokenSpec:
-    description = load(name)
-    return tokens(read(description), naming=naming, canonical=description.info.canonical)
-
-
-def _batch(layout: Layout, size: int) -> Batch:
+def measure(method: str, precisions: list[str], options: argparse.Namespace) -> dict[str, dict[str, float]]:
+    """Milliseconds an update, ratio to the yardstick, errors and memory, by precision."""
+    torch.manual_seed(0)
+    actor, critic = yardstick(method, MODEL)
+    tensors = {f"weights/actor/{k}": v for k, v in actor.state_dict().items()}
+    tensors |= {f"weights/critic/{k}": v for k, v in critic.state_dict().items()}
+    theirs = plain.TD3(
+        actor.to(options.device), critic.to(options.device), learning_rate=RATE[method], tau=TAU,
+        clip=0.0 if method == "smp" else 0.1,
+    )  # fmt: skip
+    learners = {name: learner(method, MODEL, tensors, name, options.device) for name in precisions}
+    batches = [batch(number, options.batch, len(LIMBS)) for number in range(2)]
+    device_batches = [{k: torch.from_numpy(getattr(b, k)).to(options.device) for k in Batch.__slots__} for b in batches]
     rng = np.random.default_rng(0)
-    obs, next_obs = rng.standard_normal((2, size, layout.num_tokens)).astype(np.float32)
-    action = rng.uniform(-1, 1, (size, layout.num_actions)).astype(np.float32)
-    reward, discount = rng.uniform(0, 1, (2, size, layout.num_robots)).astype(np.float32)
-    return Batch(obs, action, reward, next_obs, discount)
+
+    def ours(name: str) -> Callable[[int], object]:
+        net, layout = learners[name]
+        return lambda number: net.update(batches[number % 2], None, None, layout, rng)
+
+    def plainly(number: int) -> None:
+        b = device_batches[number % 2]
+        noise = (torch.randn_like(b["action"]) * NOISE).clamp(-CLIP, CLIP)
+        theirs.update(b["obs"], b["action"], b["reward"], b["next_obs"], b["discount"], noise)
+
+    runs: dict[str, Callable[[int], object]] = {"plain": plainly, **{name: ours(name) for name in precisions}}
+    errors = {name: relative_errors(*learners[name], device_batches[0]) for name in precisions}
+    times: dict[str, list[float]] = {name: [] for name in runs}
+    for turn in range(options.turns + 1):
+        for name, run in runs.items():
+            start = time.perf_counter()
+            for number in range(options.updates):
+                run(number)
+            if options.device != "cpu":
+                torch.cuda.synchronize()
+            if turn:  # the first turn warms up
+                times[name].append((time.perf_counter() - start) / options.updates * 1e3)
+    rows: dict[str, dict[str, float]] = {}
+    for name, run in runs.items():
+        median = statistics.median(times[name])
+        ratio = statistics.median(p / o for p, o in zip(times["plain"], times[name], strict=True))
+        rows[name] = {"ms": median} if name == "plain" else {"ms": median, "ratio": ratio, **errors[name]}
+        rows[name]["memory_mb"] = peak_memory(run)
+    return rows
+
+
+def yardstick(method: str, model: ModelConfig) -> tuple[nn.Module, nn.Module]:
+    """Actor and critics, written plainly."""
+    sizes = (model.d_model, model.heads, model.feedforward, model.layers)
+    if method == "smp":
+        width = (SCALARS, model.message_size, 2)
+        return plain.ModularActor(PARENTS, *width), plain.ModularCritic(PARENTS, *width)
+    critic = plain.LimbCritic(len(LIMBS), SCALARS, *sizes)
+    if method == "amorpheus":
+        return plain.LimbActor(len(LIMBS), SCALARS, *sizes), critic
+    size = EMBEDDING[method] if model is MODEL else model.token_size
+    frozen = method == "ma-bert"
+    return plain.TokenActor(len(LIMBS), SCALARS, size, model.code_size, *sizes, frozen=frozen), critic
+
+
+def learner(
+    method: str, model: ModelConfig, tensors: dict[str, Tensor], precision: str, device: str
+) -> tuple[TD3, Layout]:
+    """Our learner with the yardstick's weights."""
+    actor, critic = load_published(method, tensors, LIMBS, PARENTS)
+    config = TD3Config(
+        tau=TAU, learning_rate=RATE[method], target_noise=NOISE, target_noise_clip=CLIP, discount=DISCOUNT,
+        gradient_clip=0.0 if method == "smp" else 0.1, reward_scale=1.0, actor_first=True,
+    )  # fmt: skip
+    vocabulary = Vocabulary(scalars=SCALARS, children=2)
+    if method == "anymorph":
+        vocabulary = actor.network.tokens.vocabulary
+    size = actor.layout.embeddings.shape[1]
+    net = TD3(replace(model, method=method), config, size, vocabulary=vocabulary, device=device, precision=precision)
+    for name, network in net.networks().items():
+        network.load_state_dict((actor if name.startswith("actor") else critic).network.state_dict())
+    return net, to(actor.layout, device)
+
+
+def to(layout: Layout, kind: str | torch.dtype) -> Layout:
+    """The layout with its tensors on a device, or its floating-point tensors as precise as said."""
+    changes: dict[str, Any] = {}
+    for name, value in vars(layout).items():
+        if isinstance(value, Tensor) and (isinstance(kind, str) or value.is_floating_point()):
+            changes[name] = value.to(kind)
+    return replace(layout, **changes)
+
+
+def batch(seed: int, size: int, limbs: int) -> Batch:
+    """Random transitions."""
+    rng = np.random.default_rng(seed)
+    obs, next_obs = rng.standard_normal((2, size, limbs * SCALARS)).astype(np.float32)
+    action = rng.uniform(-1, 1, (size, limbs)).astype(np.float32)
+    reward = rng.uniform(0, 1, (size, 1)).astype(np.float32)
+    return Batch(obs, action, reward, next_obs, np.full((size, 1), DISCOUNT, np.float32))
+
+
+def relative_errors(net: TD3, layout: Layout, b: dict[str, Tensor]) -> dict[str, float]:
+    """Relative errors of actions and of both gradients against float64."""
+    results = []
+    for dtype in (None, torch.float64):
+        actor, critic, where = deepcopy(net.actor), deepcopy(net.critic), layout
+        obs, action = b["obs"], b["action"]
+        if dtype is not None:
+            where, obs, action = to(layout, dtype), obs.to(dtype), action.to(dtype)
+            for network in (actor, critic):
+                set_precision(network.to(dtype), dtype)
+        acts = actor(obs, where)
+        critic(obs, action, where).square().sum(0).mean().backward()
+        critic_gradient = torch.cat([p.grad.ravel() for p in critic.parameters() if p.grad is not None])
+        (-critic(obs, acts, where, members=1).mean()).backward()
+        actor_gradient = torch.cat([p.grad.ravel() for p in actor.parameters() if p.grad is not None])
+        results.append((acts, critic_gradient, actor_gradient))
+    names = ("action_error", "critic_gradient_error", "actor_gradient_error")
+    return {
+        name: float((ours.double() - exact).norm() / exact.norm())
+        for name, ours, exact in zip(names, *results, strict=True)
+    }
+
+
+def peak_memory(update: Callable[[int], object]) -> float:
+    """Most megabytes that two updates, one of them with the actor's, held beyond what was there before."""
+    held = peak = 0
+    with torch.autograd.profiler.profile(profile_memory=True) as profile:
+        for number in range(2):
+            update(number)
+    for event in profile.kineto_results.events():
+        if event.name() == "[memory]":
+            held += event.nbytes()
+            peak = max(peak, held)
+    return peak / 1e6
+
+
+def growth(method: str, updates: int) -> dict[str, dict[str, float]]:
+    """Growth of resident memory and of Python's objects over `updates` toy updates, after a tenth of them."""
+    actor, critic = yardstick(method, TOY)
+    tensors = {f"weights/actor/{k}": v for k, v in actor.state_dict().items()}
+    tensors |= {f"weights/critic/{k}": v for k, v in critic.state_dict().items()}
+    net, layout = learner(method, TOY, tensors, "float32", "cpu")
+    b, rng = batch(0, 4, len(LIMBS)), np.random.default_rng(0)
+    before: tuple[float, int] = (0.0, 0)
+    for number in range(updates + 1):
+        if number in (updates // 10, updates):
+            gc.collect()
+            now = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3, len(gc.get_objects())
+            growths, before = (now[0] - before[0], now[1] - before[1]), now
+        net.update(b, None, None, layout, rng)
+    return {"growth": {"updates": updates, "resident_mb": growths[0], "objects": growths[1]}}
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from morphkit_rl.config import ModelConfig, TD3Config
 from morphkit_rl.models import build
+from morphkit_rl.models.blocks import set_precision
 from morphkit_rl.models.layout import Layout
 from morphkit_rl.models.vocabulary import Vocabulary
 from morphkit_rl.normalizer import normalize
@@ -42,9 +43,8 @@ class TD3:
         self.device = torch.device(device)
         self.precision = precision
         actor, critic = build(model, embedding_size, vocabulary)
-        for module in (*actor.modules(), *critic.modules()):
-            if hasattr(module, "precision"):
-                module.precision = getattr(torch, precision)
+        for network in (actor, critic):
+            set_precision(network, getattr(torch, precision))
         self.actor, self.critic = actor.to(self.device), critic.to(self.device)
         self.actor_target, self.critic_target = (
             deepcopy(net).requires_grad_(False) for net in (self.actor, self.critic)
@@ -77,7 +77,8 @@ class TD3:
         drawn = rng.standard_normal(action.shape, dtype=np.float32) * self.config.target_noise
         noise = self._tensor(drawn.clip(-self.config.target_noise_clip, self.config.target_noise_clip))
         robot = self.critic.value_robot(layout)
-        share = 1 / (layout.num_robots * robot.bincount()[robot])
+        values = robot.new_zeros(layout.num_robots).index_add(0, robot, torch.ones_like(robot))  # bincount would wait
+        share = 1 / (layout.num_robots * values[robot])
         with torch.no_grad():
             next_action = (self.actor_target(next_obs, layout) + noise).clamp(-1, 1)
             next_q = self.critic_target(next_obs, next_action, layout).amin(0)

@@ -55,7 +55,7 @@ class LimbTransformer(nn.Module):
         rows = limbs.reshape(members, batch * number, scalars)
         x = self.read(rows) * math.sqrt(self.read.weight.shape[-1])
         x = x.view(members, batch, number, -1).to(self.precision)
-        z = self.encoder(x, layout.limbs).float().view(members, batch * number, -1)
+        z = self.encoder(x, layout.limbs).to(rows.dtype).view(members, batch * number, -1)
         return self.head(torch.cat([z, rows], -1) if self.conditioned else z).view(members, batch, number)
 
 

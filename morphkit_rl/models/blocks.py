@@ -23,10 +23,8 @@ class MemberLinear(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Map each member's rows, in the precision of `x`."""
-        weight = first(self.weight, len(x)).to(x.dtype)
-        if self.bias is None:
-            return torch.bmm(x, weight)
-        return torch.baddbmm(first(self.bias, len(x)).to(x.dtype), x, weight)
+        members = len(x)
+        return affine(x, first(self.weight, members), None if self.bias is None else first(self.bias, members))
 
     def draw(self, weight: float | None = None, bias: float | None = None) -> MemberLinear:
         """Redraw weights from [-weight, weight], biases from [-bias, bias]; None: 1 / sqrt(inputs), as `nn.Linear`."""
@@ -36,6 +34,16 @@ class MemberLinear(nn.Module):
                 bound = default if bound is None else bound
                 nn.init.uniform_(parameter, -bound, bound)
         return self
+
+
+def affine(x: Tensor, weight: Tensor, bias: Tensor | None) -> Tensor:
+    """x W + b for each member, in the precision of `x`."""
+    weight = weight.to(x.dtype)
+    if bias is None:
+        return torch.bmm(x, weight)
+    if x.dtype == torch.bfloat16:  # A bias inside the product costs more than one added to it.
+        return torch.bmm(x, weight).add_(bias.to(x.dtype))
+    return torch.baddbmm(bias.to(x.dtype), x, weight)
 
 
 def first(parameter: Tensor, members: int) -> Tensor:
@@ -74,3 +82,10 @@ class TransformerLayer(nn.Module):
         x = x + self.out(mixed.transpose(2, 3).reshape(rows)).view(x.shape)
         hidden = F.relu(self.expand(F.layer_norm(x, (width,)).view(rows)))
         return x + self.contract(hidden).view(x.shape)
+
+
+def set_precision(network: nn.Module, precision: torch.dtype) -> None:
+    """Let all modules that have a choice compute in `precision`."""
+    for module in network.modules():
+        if hasattr(module, "precision"):
+            vars(module)["precision"] = precision

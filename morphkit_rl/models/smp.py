@@ -25,7 +25,7 @@ from torch import Tensor, nn
 
 from morphkit.tokens import TokenSpec
 from morphkit_rl.config import ModelConfig
-from morphkit_rl.models.blocks import MemberLinear
+from morphkit_rl.models.blocks import MemberLinear, affine, first
 from morphkit_rl.models.layout import Layout
 from morphkit_rl.models.limbs import check_children, check_limbs
 from morphkit_rl.models.tree import Tree, tree
@@ -46,7 +46,7 @@ PUBLISHED = Widths()
 
 
 class MLP(nn.Module):
-    """Two hidden relu layers; (members, rows, inputs) -> float32 (members, rows, outputs)."""
+    """Two hidden relu layers, computed in `precision`: (members, rows, inputs) -> (members, rows, outputs)."""
 
     def __init__(self, members: int, inputs: int, outputs: int, widths: Widths):
         super().__init__()
@@ -55,9 +55,18 @@ class MLP(nn.Module):
         self.l2 = MemberLinear(members, widths.first, widths.second).draw()
         self.l3 = MemberLinear(members, widths.second, outputs).draw()
 
-    def forward(self, x: Tensor) -> Tensor:
+    def weights(self) -> list[tuple[Tensor, Tensor | None]]:
+        """Weights and biases in `precision`, for several calls of `forward`."""
+        layers = (self.l1, self.l2, self.l3)
+        return [(m.weight.to(self.precision), m.bias if m.bias is None else m.bias.to(self.precision)) for m in layers]
+
+    def forward(self, x: Tensor, weights: list[tuple[Tensor, Tensor | None]] | None = None) -> Tensor:
         """Map rows."""
-        return self.l3(F.relu(self.l2(F.relu(self.l1(x.to(self.precision)))))).float()
+        hidden = x.to(self.precision)
+        for number, (weight, bias) in enumerate(weights or self.weights()):
+            hidden = F.relu(hidden) if number else hidden
+            hidden = affine(hidden, first(weight, len(x)), bias if bias is None else first(bias, len(x)))
+        return hidden.to(x.dtype)
 
 
 class Up(nn.Module):
@@ -112,10 +121,10 @@ class Down(nn.Module):
         """What each limb hears (limbs, batch, message), where limbs say something of `limbs` (limbs, batch, inputs)."""
         batch = limbs.shape[1]
         piece = limbs.new_zeros(len(tree.levels[0].children), batch, self.message)
-        pieces = [piece]
+        pieces, weights = [piece], self.base.weights()
         for level, deeper in zip(tree.levels, tree.levels[1:], strict=False):
             own = torch.tanh(torch.cat([limbs[level.limbs], piece], -1)[level.senders])
-            said = F.normalize(self.base(own.view(1, -1, own.shape[-1])), dim=-1)
+            said = F.normalize(self.base(own.view(1, -1, own.shape[-1]), weights), dim=-1)
             said = said.view(len(own), batch, self.places, self.message).transpose(1, 2).flatten(0, 1)
             piece = said[deeper.piece]
             pieces.append(piece)
@@ -211,7 +220,7 @@ class TwinCritic(nn.Module):
         own, heard = self.messages(scalars, torch.cat([scalars, acts], -1), layout)
         x = torch.cat([own, acts, heard], -1)
         values = self.value(x.view(1, -1, x.shape[-1]).expand(members, -1, -1)).view(members, *x.shape[:2])
-        return torch.matmul((layout.robot_limbs > 0).float(), values[:, limbs.place]).transpose(1, 2)
+        return torch.matmul((layout.robot_limbs > 0).to(values.dtype), values[:, limbs.place]).transpose(1, 2)
 
 
 def check(spec: TokenSpec, config: ModelConfig, vocabulary: Vocabulary | None = None) -> None:

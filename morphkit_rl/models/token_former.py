@@ -39,12 +39,15 @@ from morphkit_rl.models.vocabulary import Vocabulary
 VALUE_SCALE = 1000.0
 
 
-def frequency_code(values: Tensor, size: int) -> Tensor:
-    """Sines, then cosines, of 1000 * value at size / 2 frequencies, times sqrt(2); float32 (..., size)."""
+def frequency_code(values: Tensor, size: int, dtype: torch.dtype = torch.float32) -> Tensor:
+    """Sines, then cosines, of 1000 * value at size / 2 frequencies (..., size); angles are float32, the code `dtype`.
+
+    The factor of sqrt(2) is left to the weights that read the code.
+    """
     exponents = torch.arange(0, size, 2, device=values.device, dtype=torch.float32)
     frequencies = torch.exp(exponents * (-math.log(10000.0) / size))
-    angles = (VALUE_SCALE * values)[..., None] * frequencies
-    return torch.cat([torch.sin(angles), torch.cos(angles)], -1) * (2 / math.sqrt(2))
+    angles = (VALUE_SCALE * values.float())[..., None] * frequencies
+    return torch.cat([torch.sin(angles).to(dtype), torch.cos(angles).to(dtype)], -1)
 
 
 class TextTokens(nn.Module):
@@ -144,14 +147,14 @@ class Actor(nn.Module):
     def forward(self, obs: Tensor, layout: Layout, names: Names | None = None) -> Tensor:
         """Act on observation rows; `names`, from `read_names`, saves time while the weights stay."""
         names = names or self.read_names(layout)
-        code = frequency_code(obs, self.code_size).to(self.precision)
-        weight = self.read_name.weight if self.read_code is None else self.read_code.weight
-        x = torch.matmul(code, weight[0].to(self.precision)) + names.tokens.to(self.precision)
+        code = frequency_code(obs, self.code_size, self.precision)
+        weight = (self.read_name if self.read_code is None else self.read_code).weight[0] * (2 / math.sqrt(2))
+        x = torch.matmul(code, weight.to(self.precision)).add_(names.tokens.to(self.precision))
         if self.hidden is not None:
             x = self.hidden(F.relu(x).view(1, -1, x.shape[-1])).view(x.shape)
         memory = self.encoder(self.obs_norm(x[None]), layout.tokens)
         y = self.decoder(names.queries.to(self.precision), memory, layout.actions, layout.tokens)[0]
-        return torch.tanh(torch.matmul(y.float(), self.head.weight[0, :, 0]) + names.head)
+        return torch.tanh(torch.matmul(y.to(names.head.dtype), self.head.weight[0, :, 0]) + names.head)
 
 
 def check(spec: TokenSpec, config: ModelConfig, vocabulary: Vocabulary | None = None) -> None:

@@ -13,7 +13,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from morphkit_rl.models.blocks import MemberLinear, first
+from morphkit_rl.models.blocks import MemberLinear, affine, first
 
 Spans = Sequence[slice]
 
@@ -51,30 +51,40 @@ class FeedForward(nn.Module):
 
 
 class SelfAttention(nn.Module):
-    """Multi-head attention among the tokens of each robot: softmax(q k^T / sqrt(d_head)) v, written out.
-
-    Fused kernels lose to matrix products on sequences as short as these.
-    """
+    """Multi-head attention among the tokens of each robot: softmax(q k^T / sqrt(d_head)) v."""
 
     def __init__(self, members: int, d_model: int, heads: int):
         super().__init__()
         self.heads = heads
         self.qkv = MemberLinear(members, d_model, 3 * d_model).draw(math.sqrt(1.5 / d_model), 0)
         self.out = MemberLinear(members, d_model, d_model).draw(None, 0)
+        scale = torch.cat([torch.full((d_model,), (d_model // heads) ** -0.5), torch.ones(2 * d_model)])
+        self.scale: Tensor
+        self.register_buffer("scale", scale, persistent=False)  # Of queries; cheaper on the weights than on them.
 
     def forward(self, x: Tensor, spans: Spans) -> Tensor:
         """Mix the tokens within each of `spans`."""
         members, batch, tokens, width = x.shape
         rows = (members, batch * tokens, width)
-        qkv = self.qkv(x.reshape(rows)).view(members, batch, tokens, 3, self.heads, width // self.heads)
+        assert self.qkv.bias is not None
+        weight, bias = (first(p, members) * self.scale for p in (self.qkv.weight, self.qkv.bias))
+        qkv = affine(x.reshape(rows), weight, bias).view(members, batch, tokens, 3, self.heads, width // self.heads)
         q, k, v = qkv.permute(3, 0, 1, 4, 2, 5)
-        q = q * (width // self.heads) ** -0.5
-        parts = [
-            torch.matmul(torch.softmax(torch.matmul(q[..., s, :], k[..., s, :].transpose(-1, -2)), -1), v[..., s, :])
-            for s in spans
-        ]
+        parts = [attend(q[..., s, :], k[..., s, :], v[..., s, :]) for s in spans]
         mixed = parts[0] if len(parts) == 1 else torch.cat(parts, -2)
         return self.out(mixed.transpose(2, 3).reshape(rows)).view(x.shape)
+
+
+def attend(q: Tensor, k: Tensor, v: Tensor) -> Tensor:
+    """softmax(q k^T) v over (members, batch, heads, tokens, d_head); the queries are scaled already.
+
+    Written out in low precision on CPUs, where PyTorch's fused kernel takes several times as long.
+    """
+    if q.device.type == "cpu" and q.dtype == torch.bfloat16:
+        return torch.matmul(torch.softmax(torch.matmul(q, k.transpose(-1, -2)), -1), v)
+    shape = q.shape
+    q, k, v = (x.flatten(0, 1) for x in (q, k, v))
+    return F.scaled_dot_product_attention(q, k, v, scale=1.0).view(shape)
 
 
 class CrossAttention(nn.Module):
