@@ -6,6 +6,8 @@ import io
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from morphkit.errors import AssetError
 
 MAX_STL_FACES = 200_000
@@ -40,7 +42,7 @@ def _is_plain_stl(content: bytes) -> bool:
 
 
 def load_mesh(path: Path) -> Any:
-    """Read a mesh file with trimesh, all its parts joined, in metres where the file states its unit.
+    """Read a mesh file, all its parts joined, in metres where the file states its unit.
 
     COLLADA states one; its up axis is not applied, as in ROS.
 
@@ -54,18 +56,37 @@ def load_mesh(path: Path) -> Any:
 
     collada = path.suffix.lower() == ".dae"
     try:
+        if path.suffix.lower() == ".msh":
+            return trimesh.Trimesh(*_read_msh(path.read_bytes()), process=False)
         mesh = trimesh.load(path, force="mesh", skip_materials=True)
         if collada and len(mesh.faces) == 0:
             mesh = trimesh.load(io.BytesIO(_without_materials(path)), file_type="dae", force="mesh")
     except Exception as error:  # trimesh raises whatever the reader of the format raises
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise AssetError(f"{path}: trimesh cannot read this mesh: {reason}") from error
+        raise AssetError(f"{path}: cannot be read as a mesh: {reason}") from error
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
         raise AssetError(f"{path}: holds no triangles")
     factor = _metres(mesh.units) if collada else 1.0
     if factor != 1.0:
         mesh.apply_scale(factor)
     return mesh
+
+
+def _read_msh(content: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (n, 3) and faces (m, 3) of MuJoCo's own format: four counts, then float32 and int32 arrays.
+
+    Raises:
+        ValueError: The counts do not fit the length.
+    """
+    vertices, normals, coordinates, faces = (int(count) for count in np.frombuffer(content[:16], "<i4"))
+    floats = 3 * vertices + 3 * normals + 2 * coordinates
+    if min(vertices, faces) < 1 or min(normals, coordinates) < 0 or len(content) != 16 + 4 * (floats + 3 * faces):
+        raise ValueError("its length does not fit the counts at its start")
+    points = np.frombuffer(content, "<f4", 3 * vertices, 16).reshape(-1, 3)
+    corners = np.frombuffer(content, "<i4", 3 * faces, 16 + 4 * floats).reshape(-1, 3)
+    if corners.min() < 0 or corners.max() >= vertices:
+        raise ValueError("a face names a vertex that is not there")
+    return points.astype(float), corners
 
 
 def _without_materials(path: Path) -> bytes:

@@ -58,6 +58,23 @@ class Document:
         """The file that `reference` means; AssetError where there is none."""
         return resolve_asset(reference, self.folder, packages=self.packages)
 
+    def find_asset(self, element: Any, reference: str, owner: str, name: str, *, missing: str) -> Path | None:
+        """The file that `reference` means; None where there is none or it may not be read, which is reported.
+
+        Args:
+            element: Where it is named.
+            reference: What the description says.
+            owner: What needs it, for the message.
+            name: Name of the link or asset.
+            missing: The rule to report where there is no such file.
+        """
+        try:
+            return self.locate(reference)
+        except AssetError as error:
+            rule = "file-outside" if "(outside, refused)" in str(error) else missing
+            self.add(rule, element, f"{owner}: {one_line(error)}", name=name)
+            return None
+
     def _enter(self, element: Any, file: str) -> None:
         for each in element.iter():
             self._held.append(each)

@@ -11,9 +11,8 @@ import numpy as np
 
 from morphkit.cutting.defaults import Defaults
 from morphkit.cutting.frames import Angles, identity
-from morphkit.errors import AssetError
 from morphkit.validation.bodies import Shape, check_body
-from morphkit.validation.document import Document, elements, one_line
+from morphkit.validation.document import Document, elements
 from morphkit.validation.meshes import MeshFacts, MeshUse, corners
 
 _FILES = ("file", "fileback", "filedown", "filefront", "fileleft", "fileright", "fileup")
@@ -42,12 +41,8 @@ def find_meshes(doc: Document) -> dict[str, MeshUse]:
 
 
 def _find(doc: Document, asset: Any, reference: str) -> Path | None:
-    try:
-        return doc.locate(reference)
-    except AssetError as error:
-        name = asset.get("name") or Path(reference).stem
-        doc.add("mesh-missing", asset, f"{asset.tag} {name!r}: {one_line(error)}", name=name)
-        return None
+    name = asset.get("name") or Path(reference).stem
+    return doc.find_asset(asset, reference, f"{asset.tag} {name!r}", name, missing="mesh-missing")
 
 
 def _use(doc: Document, asset: Any, name: str, path: Path, defaults: Defaults) -> MeshUse:

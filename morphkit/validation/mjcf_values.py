@@ -172,7 +172,7 @@ def check_model(doc: Document, found: Mapping[str, Any], lines: Mapping[int, Any
         first, second = touching["bodies"]
         body = next((each for each in doc.root.iter("body") if each.get("name") == second), doc.root)
         depth = touching["depth"] * 1000
-        what = f"bodies {first!r} and {second!r} penetrate each other by {depth:.2g} mm"
+        what = f"bodies {first!r} and {second!r} penetrate each other by {depth:.3g} mm"
         doc.add("self-collision", body, what, name=second)
 
 

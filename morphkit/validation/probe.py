@@ -63,8 +63,10 @@ def probe(meshes: Sequence[Path], model: dict[str, Any] | None) -> Answer:
                 command, input=request, capture_output=True, timeout=LIMIT_S, env=environment, cwd=empty, check=False
             )
         output = done.stdout
-        if done.returncode:
-            reason = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
+        if done.returncode < 0:
+            reason = f"signal {-done.returncode}"
+        elif done.returncode:
+            reason = (done.stderr.decode(errors="replace").strip().splitlines() or ["no message"])[-1][:200]
     except subprocess.TimeoutExpired as error:
         output, reason = error.stdout or b"", f"no answer within {LIMIT_S} s"
     for line in output.decode(errors="replace").splitlines():

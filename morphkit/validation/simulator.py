@@ -129,6 +129,10 @@ def _touching(model: mujoco.MjModel, start: np.ndarray) -> list[dict[str, Any]]:
     data = mujoco.MjData(model)
     if start.size == model.nq:
         data.qpos[:] = start
+    else:
+        for joint in np.flatnonzero((model.jnt_limited > 0) & (model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE))):
+            address = model.jnt_qposadr[joint]
+            data.qpos[address] = np.clip(data.qpos[address], *model.jnt_range[joint])
     mujoco.mj_forward(model, data)
     deepest: dict[tuple[str, str], float] = {}
     for contact in data.contact[: data.ncon]:

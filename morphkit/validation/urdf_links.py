@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from morphkit.cutting.frames import Pose, identity, urdf_pose
-from morphkit.errors import AssetError
 from morphkit.validation.bodies import Shape, box, check_body
 from morphkit.validation.common import read_numbers
-from morphkit.validation.document import Document, elements, one_line
+from morphkit.validation.document import Document, elements
 from morphkit.validation.inertia import check_tensor, symmetric
 from morphkit.validation.meshes import MeshFacts, MeshUse, corners
 from morphkit.validation.urdf import UrdfTree
@@ -165,13 +164,8 @@ def _pose(doc: Document, element: Any, owner: str) -> Pose | None:
 
 
 def _find(doc: Document, element: Any, owner: str, name: str, *, decorates: bool) -> Path | None:
-    reference = element.get("filename") or ""
-    try:
-        return doc.locate(reference)
-    except AssetError as error:
-        rule = "mesh-missing-visual" if decorates else "mesh-missing"
-        doc.add(rule, element, f"{owner}: {one_line(error)}", name=name)
-        return None
+    rule = "mesh-missing-visual" if decorates else "mesh-missing"
+    return doc.find_asset(element, element.get("filename") or "", owner, name, missing=rule)
 
 
 def check_masses(

@@ -99,7 +99,7 @@ def test_other_files_are_checked_where_one_cannot_be_read(capsys: pytest.Capture
         (b"<robot>" * 10_000, "xml-malformed"),
         ("<robot><link name='\U0001f916 \" x'/></robot>".encode(), "name-characters"),
         (b'<robot><link name="a"><visual><geometry><mesh filename="/etc/passwd"/></geometry></visual></link></robot>',
-         "mesh-missing-visual"),
+         "file-outside"),
     ],
 )  # fmt: skip
 def test_hostile_files_are_findings(

@@ -14,7 +14,8 @@ import yourdfpy
 import morphkit
 from morphkit.conversion import Conversion, convert, write_conversion
 from morphkit.conversion.inertias import possible_moments
-from morphkit.errors import ConfigError, DescriptionError, OutputError
+from morphkit.errors import AssetError, ConfigError, DescriptionError, OutputError
+from morphkit.mesh_files import load_mesh
 from morphkit.simulation import build
 from morphkit_cli.main import run
 
@@ -199,6 +200,17 @@ def test_changes_and_losses_are_listed(converted: tuple[Conversion, Path]) -> No
         ("gazebo", "base"),
     ]
     assert conversion.missing[0].line == EVERYTHING[: EVERYTHING.index('velocity="3"')].count("\n") + 1
+
+
+def test_meshes_of_mujoco_are_read(tmp_path: Path) -> None:
+    box = trimesh.creation.box((1, 2, 3))
+    counts = np.array([len(box.vertices), 0, 0, len(box.faces)], "<i4")
+    content = counts.tobytes() + box.vertices.astype("<f4").tobytes() + box.faces.astype("<i4").tobytes()
+    (tmp_path / "good.msh").write_bytes(content)
+    assert load_mesh(tmp_path / "good.msh").extents.tolist() == [1, 2, 3]
+    (tmp_path / "cut.msh").write_bytes(content[:-4])
+    with pytest.raises(AssetError, match="length"):
+        load_mesh(tmp_path / "cut.msh")
 
 
 def test_massless_moving_link_gets_a_gram(tmp_path: Path) -> None:

@@ -109,6 +109,7 @@ URDFS = {
     "mass-density": (urdf(leg=inertial("5000", moments("20", "20", "20")) + BALL), 3),
     "geometry-missing": (urdf(leg=inertial() + "<collision/>"), 3),
     "geometry-size": (urdf(leg=inertial() + visual('<box size="1 1 0"/>', tag="collision")), 3),
+    "file-outside": (urdf(leg=inertial() + BALL + visual('<mesh filename="/etc/hostname"/>')), 3),
     "collision-missing": (urdf(leg=inertial() + visual('<sphere radius="0.1"/>')), 3),
     "mesh-missing": (urdf(leg=inertial() + visual('<mesh filename="no.stl"/>', tag="collision")), 3),
     "mesh-missing-visual": (urdf(leg=inertial() + BALL + visual('<mesh filename="no.stl"/>')), 3),
