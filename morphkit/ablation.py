@@ -6,12 +6,12 @@ The XML source is edited, not rewritten: what a cut does not touch stays byte fo
 from __future__ import annotations
 
 import hashlib
-import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import PurePath
 
+from morphkit.choosing import UNSAFE, choose, wish_name
 from morphkit.cutting import mjcf, urdf
 from morphkit.cutting.expand import MjcfFile, MjcfOpener, open_mjcf
 from morphkit.cutting.loss import Loss
@@ -22,14 +22,12 @@ from morphkit.cutting.unused import Uses
 from morphkit.description import Description, RobotInfo
 from morphkit.errors import AblationError
 from morphkit.io import read
-from morphkit.mirror import counterparts, with_counterparts
-from morphkit.morphology import Morphology
-from morphkit.naming import canonical_limb_names, match_limbs
+from morphkit.mirror import counterparts
+from morphkit.naming import canonical_limb_names
 
-__all__ = ["Cutter", "Loss", "Variant", "Wish", "ablate", "select", "set_root_height"]
+__all__ = ["Cutter", "Loss", "Variant", "ablate", "set_root_height"]
 
 _LONGEST = 160
-_SAFE = re.compile(r"[^A-Za-z0-9_.+-]+")
 
 
 @dataclass(frozen=True)
@@ -49,35 +47,6 @@ class Variant:
     spliced: tuple[str, ...]
     limbs: tuple[str, ...]
     lost: tuple[Loss, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Wish:
-    """What a cut was asked for: exact names of limbs and fixed bodies."""
-
-    remove: tuple[str, ...]
-    splice: tuple[str, ...]
-    keep: tuple[str, ...]
-
-
-def select(morphology: Morphology, patterns: Iterable[str]) -> tuple[str, ...]:
-    """The limbs and fixed bodies that any of `patterns` matches, in the order asked for, each once.
-
-    Raises:
-        UnknownNameError: A pattern matches nothing; the message lists the limbs and the nearest name.
-        AblationError: A pattern matches the root.
-    """
-    names: dict[str, None] = {}
-    for pattern in patterns:
-        for name in match_limbs(morphology, pattern):
-            if name == morphology.root.name:
-                cuttable = ", ".join(limb.name for limb in morphology.limbs[1:]) or "none"
-                raise AblationError(
-                    f"{morphology.file}: {pattern!r} matches {name!r}, the root of {morphology.name!r}, which cannot be"
-                    f" removed; limbs that can: {cuttable}"
-                )
-            names[name] = None
-    return tuple(names)
 
 
 def ablate(
@@ -138,12 +107,10 @@ class Cutter:
         name: str | None = None,
     ) -> Variant:
         """See `ablate`."""
-        wish = self.choose(remove=remove, splice=splice, keep=keep, mirror=mirror)
+        image = self.counterparts() if mirror else None
+        wish = choose(self.morphology, remove=remove, splice=splice, keep=keep, image=image)
         if name is None:
-            source = self.description.name
-            if keep:
-                source = "-".join([source, "only", *self._words(keep, mirror)])
-            name = variant_name(source, [*self._words(remove, mirror), *self._words(splice, mirror)])
+            name = wish_name(self.morphology, remove=remove, splice=splice, keep=keep, image=image)
         variant = self.cut(remove=wish.remove, splice=wish.splice, drop_assets=drop_assets, name=name)
         limb_of = {member: limb.name for limb in self.morphology.limbs for member in limb.members}
         gone = [name for name in wish.keep if limb_of[name] not in variant.limbs]
@@ -152,37 +119,6 @@ class Cutter:
                 f"{self.description.file}: {', '.join(gone)} cannot be kept, because what it hangs on is removed"
             )
         return variant
-
-    def choose(
-        self, *, remove: Sequence[str] = (), splice: Sequence[str] = (), keep: Sequence[str] = (), mirror: bool = False
-    ) -> Wish:
-        """The limbs and fixed bodies that patterns mean; see `ablate`."""
-        image = self.counterparts() if mirror else {}
-        chosen = {
-            verb: with_counterparts(select(self.morphology, patterns), image, self.description.file)
-            if mirror
-            else select(self.morphology, patterns)
-            for verb, patterns in (("removed", remove), ("spliced", splice), ("kept", keep))
-        }
-        for one, other in (("removed", "spliced"), ("kept", "removed"), ("kept", "spliced")):
-            both = sorted(set(chosen[one]) & set(chosen[other]))
-            if both:
-                raise AblationError(f"{self.description.file}: {', '.join(both)} cannot be both {one} and {other}")
-        removed, needed = chosen["removed"], self._needed(chosen["kept"])
-        blocking = [limb for limb in removed if limb in needed]
-        if blocking:
-            raise AblationError(
-                f"{self.description.file}: {', '.join(blocking)} cannot be removed, because limbs to keep hang on it;"
-                " --splice takes it out from between"
-            )
-        if keep:
-            others = [
-                limb.name
-                for limb in self.morphology.limbs
-                if limb.name not in needed and (limb.parent is None or limb.parent in needed)
-            ]
-            removed = tuple(dict.fromkeys([*removed, *others]))
-        return Wish(removed, chosen["spliced"], chosen["kept"])
 
     def cut(
         self, *, remove: Sequence[str], splice: Sequence[str] = (), drop_assets: bool = False, name: str
@@ -262,29 +198,6 @@ class Cutter:
     def _canonical(self) -> dict[str, str]:
         return canonical_limb_names(self.morphology, self.description.info.canonical)
 
-    def _needed(self, kept: Sequence[str]) -> set[str]:
-        """Kept limbs and all limbs above them; fixed bodies stay with their limbs."""
-        limb_of = {member: limb.name for limb in self.morphology.limbs for member in limb.members}
-        parents = {limb.name: limb.parent for limb in self.morphology.limbs}
-        needed: set[str] = set()
-        for name in kept:
-            current: str | None = limb_of[name]
-            while current is not None and current not in needed:
-                needed.add(current)
-                current = parents[current]
-        return needed
-
-    def _words(self, patterns: Sequence[str], mirror: bool) -> list[str]:
-        words = _asked(patterns, self.morphology)
-        if not mirror:
-            return words
-        return list(dict.fromkeys(part for word in words for part in (word, self.counterparts().get(word, word))))
-
-
-def variant_name(source: str, asked: Sequence[str]) -> str:
-    """Name of a variant: `cheetah-no-ffoot-bfoot`; the source's own where nothing is asked for."""
-    return source if not asked else "-".join([source, "no", *(_SAFE.sub("_", word) for word in asked)])
-
 
 def set_root_height(description: Description, height_m: float) -> Description:
     """Put the root of an MJCF robot at another height.
@@ -310,29 +223,9 @@ def set_root_height(description: Description, height_m: float) -> Description:
     return replace(description, source=file.source.render())
 
 
-def _asked(patterns: Sequence[str], morphology: Morphology) -> list[str]:
-    """What a variant is named after: the words asked for; for globs the topmost limbs that they matched."""
-    words: dict[str, None] = {}
-    for pattern in patterns:
-        if _SAFE.search(pattern) is None:
-            words[pattern] = None
-            continue
-        matched = select(morphology, [pattern])
-        below = {
-            name
-            for limb in morphology.limbs
-            if limb.name in matched
-            for lower in morphology.subtree(limb.name)
-            for name in lower.members
-            if name != limb.name
-        }
-        words |= dict.fromkeys(name for name in matched if name not in below)
-    return list(words)
-
-
 def _file_name(name: str, suffix: str) -> str:
     """A file name that every file system takes; long ones are cut and end in a hash of the whole."""
-    safe = _SAFE.sub("_", name).lstrip(".") or "robot"
+    safe = UNSAFE.sub("_", name).lstrip(".") or "robot"
     if len(safe) > _LONGEST:
         safe = f"{safe[: _LONGEST - 9]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
     return safe + suffix

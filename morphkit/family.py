@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from morphkit.ablation import Cutter, Variant, variant_name
+from morphkit.ablation import Cutter, Variant
+from morphkit.choosing import variant_name
 from morphkit.description import Description
 from morphkit.errors import AblationError
 from morphkit.morphology import Morphology
