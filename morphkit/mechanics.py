@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -17,7 +17,7 @@ import numpy as np
 from morphkit import completion, dressing
 from morphkit.description import Description
 from morphkit.errors import DescriptionError
-from morphkit.io import read
+from morphkit.io import read, xml
 from morphkit.loading import compile_spec, drop_shape, load_spec
 from morphkit.morphology import Joint, JointKind, Morphology
 
@@ -73,7 +73,8 @@ def load_mechanics(description: Description, *, shapes: bool = True) -> Mechanic
     incomplete: set[str] = set()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # MuJoCo's advice on the file is for those who simulate it.
-        spec, dropped = load_spec(description, incomplete=incomplete)
+        source = description if shapes or description.format == "mjcf" else _without_shapes(description)
+        spec, dropped = load_spec(source, incomplete=incomplete)
         notes = list(dropped)
         limb_of = {member: limb.name for limb in morphology.limbs for member in limb.members}
         root = spec.body(morphology.root.name)
@@ -129,6 +130,15 @@ def _weighs_by_shape(spec: mujoco.MjSpec, body: Any) -> bool:
     return by_shape == kinds.mjINERTIAFROMGEOM_TRUE or (
         by_shape == kinds.mjINERTIAFROMGEOM_AUTO and not body.explicitinertial
     )
+
+
+def _without_shapes(description: Description) -> Description:
+    """A URDF without shapes: nothing in it weighs by its shape, and reading meshes takes long."""
+    tree = xml.parse(description.source, file=description.file)
+    for link in tree.getroot().iterchildren("link"):
+        for shape in [*link.iterchildren("visual", "collision")]:
+            link.remove(shape)
+    return replace(description, source=xml.serialize(tree))
 
 
 def _drop_shapes_without_mass(spec: mujoco.MjSpec) -> None:

@@ -30,7 +30,7 @@ OPTIONS = (
     "--disable-dev-shm-usage",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
-    "--window-size=1000,700",
+    "--window-size=1000,500",
     "about:blank",
 )
 T = TypeVar("T")
@@ -41,7 +41,7 @@ def find_chrome() -> str | None:
     return next(filter(None, map(shutil.which, NAMES)), None)
 
 
-def wait_for(what: Callable[[], T], seconds: float = 15.0) -> T:
+def wait_for(what: Callable[[], T], seconds: float = 40.0) -> T:
     """Call `what` until it returns something true."""
     end = time.monotonic() + seconds
     while True:
@@ -92,7 +92,7 @@ class Chrome:
         self._number += 1
         self._page.send(json.dumps({"id": self._number, "method": method, "params": parameters}))
         while True:
-            message = json.loads(self._page.recv(timeout=15))
+            message = json.loads(self._page.recv(timeout=40))
             if message.get("method") == "Network.requestWillBeSent":
                 self.requested.append(message["params"]["request"]["url"])
             elif message.get("method") == "Network.webSocketCreated":

@@ -50,7 +50,7 @@ class Session:
         y, x = np.nonzero((red > 120) & (green < red / 4) & (blue < red / 4))
         return np.stack([x, y], axis=1)
 
-    def wait_for_red(self, accepted: Callable[[np.ndarray], bool], seconds: float = 15.0) -> np.ndarray:
+    def wait_for_red(self, accepted: Callable[[np.ndarray], bool], seconds: float = 40.0) -> np.ndarray:
         """Wait until the red limb is in sight and as it should be."""
         found: list[np.ndarray] = []
 
@@ -104,8 +104,8 @@ def session(tmp_path: Path) -> Iterator[Session]:
 def test_sliders_move_joints_and_clicks_remove_limbs(session: Session) -> None:
     page = session.chrome
     page.open(session.url)
-    wait_for(lambda: "Click on a limb" in page.text(), 30)
-    before = session.wait_for_red(lambda _: True, 30)
+    wait_for(lambda: "Click on a limb" in page.text())
+    before = session.wait_for_red(lambda _: True)
 
     # A slider moves the joint.
     page.run("document.querySelector('[role=slider]').focus()")
@@ -133,23 +133,6 @@ def test_sliders_move_joints_and_clicks_remove_limbs(session: Session) -> None:
 
     # Ctrl-C ends it without a word of complaint.
     session.server.send_signal(signal.SIGINT)
-    out, err = session.server.communicate(timeout=15)
+    out, err = session.server.communicate(timeout=40)
     assert session.server.returncode == 0
     assert (out, err) == ("", "")
-
-
-def test_a_taken_port_is_an_error(tmp_path: Path) -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
-        done = subprocess.run(
-            [COMMAND, "show", "arm", "--web", "--port", str(port)],
-            cwd=tmp_path,
-            env=environment(),
-            capture_output=True,
-            text=True,
-            timeout=60,
-        )
-    assert done.returncode == 2
-    assert done.stderr == f"error: port {port} is taken or not allowed; choose another with --port N\n"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import socket
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -302,6 +303,16 @@ def test_command_prints_the_tree_with_masses(capsys: pytest.CaptureFixture[str])
 def test_wrong_usage(arguments: list[str], expected: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["show", "cheetah", *arguments]) == 2
     assert expected in capsys.readouterr().err
+
+
+def test_a_taken_port_is_an_error(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("viser")
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        assert run(["show", "arm", "--web", "--port", str(port)]) == 2
+    assert f"port {port} is taken" in capsys.readouterr().err
 
 
 def test_without_viser_the_message_says_how_to_get_it(
