@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from run_folders import assert_same
 
 from morphkit.errors import CheckpointError, ConfigError
 from morphkit.robots import load
-from morphkit_rl import checkpoint, runs
+from morphkit_rl import runs
 from morphkit_rl.config import TrainConfig, load_config
 from morphkit_rl.evaluation import evaluate
 from morphkit_rl.models import METHODS
@@ -32,12 +33,6 @@ def config(method: str, *overrides: str) -> TrainConfig:
     return load_config(overrides=[*tiny, *small, *settings, *overrides])
 
 
-def weights(run: Path) -> dict[str, np.ndarray]:
-    folder, _ = checkpoint.load_state(run)
-    files = ("policy", "learner", "optimizer", "environments")
-    return {f"{f}/{k}": a for f in files for k, a in checkpoint.load_arrays(folder / f"{f}.safetensors").items()}
-
-
 @pytest.mark.parametrize(("schedule", "steps"), [((), 32), (ROUNDS, 96)], ids=["sweeps", "rounds"])
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_trains_saves_resumes_exactly_loads_and_evaluates(
@@ -48,10 +43,7 @@ def test_every_method_trains_saves_resumes_exactly_loads_and_evaluates(
     assert train(robots, tmp_path / "whole", settings, steps=steps).updates > 5
     train(robots, tmp_path / "parts", settings, steps=20)
     resume(tmp_path / "parts", steps=steps)
-    whole, parts = weights(tmp_path / "whole"), weights(tmp_path / "parts")
-    assert whole.keys() == parts.keys()
-    for key in whole:
-        np.testing.assert_array_equal(whole[key], parts[key], err_msg=key)
+    assert_same(tmp_path / "whole", tmp_path / "parts")
     seen, unseen = evaluate(tmp_path / "whole", [load("hopper_3"), load("hopper_4")], episodes=1)
     assert (seen.trained_on, unseen.trained_on) == (True, False)
     assert np.isfinite([*seen.returns, *unseen.returns]).all()

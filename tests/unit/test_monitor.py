@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from run_folders import assert_same
 
 from morphkit.errors import ConfigError, UnknownNameError
 from morphkit.robots import load
@@ -22,22 +23,6 @@ def config(*overrides: str) -> TrainConfig:
     tiny = ("model.d_model=16", "model.layers=1", "model.feedforward=16", "td3.batch_size=4", "trainer.num_envs=2")
     settings = ("trainer.start_steps=20", "trainer.updates_per_sweep=1", "trainer.evaluate_episodes=2")
     return load_config(overrides=[*tiny, *settings, *overrides])
-
-
-def weights(run: Path) -> dict[str, np.ndarray]:
-    folder, _ = checkpoint.load_state(run)
-    return {
-        f"{file}/{key}": array
-        for file in ("policy", "learner", "optimizer", "environments")
-        for key, array in checkpoint.load_arrays(folder / f"{file}.safetensors").items()
-    }
-
-
-def assert_same(one: Path, other: Path) -> None:
-    a, b = weights(one), weights(other)
-    assert a.keys() == b.keys()
-    for key in a:
-        np.testing.assert_array_equal(a[key], b[key], err_msg=key)
 
 
 def evaluations(run: Path) -> dict[int, Any]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from run_folders import assert_same
 
 from morphkit.description import Description
 from morphkit.errors import TrainingError
@@ -130,11 +131,7 @@ def test_ctrl_c_in_the_middle_of_a_piece_stops_behind_it_and_the_run_goes_on_exa
     assert summary.interrupted
     assert summary.steps == 32
     assert not resume(tmp_path / "parts").interrupted
-    folders = [checkpoint.load_state(tmp_path / name)[0] for name in ("whole", "parts")]
-    for file in ("policy", "learner", "optimizer", "environments"):
-        one, other = (checkpoint.load_arrays(folder / f"{file}.safetensors") for folder in folders)
-        for key in one:
-            np.testing.assert_array_equal(one[key], other[key], err_msg=key)
+    assert_same(tmp_path / "whole", tmp_path / "parts")
 
 
 def test_a_second_ctrl_c_stops_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

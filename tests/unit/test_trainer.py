@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from run_folders import assert_same, weights
 
 from morphkit.errors import CheckpointError, ConfigError, OutputError, UnknownNameError
 from morphkit.io import read
@@ -34,22 +35,6 @@ def config() -> TrainConfig:
             *("trainer.checkpoint_seconds=0.2", "trainer.updates_per_sweep=1"),
         ]
     )
-
-
-def weights(run: Path) -> dict[str, np.ndarray]:
-    folder, _ = checkpoint.load_state(run)
-    return {
-        f"{file}/{key}": array
-        for file in ("policy", "learner", "optimizer", "environments")
-        for key, array in checkpoint.load_arrays(folder / f"{file}.safetensors").items()
-    }
-
-
-def assert_same(one: Path, other: Path) -> None:
-    a, b = weights(one), weights(other)
-    assert a.keys() == b.keys()
-    for key in a:
-        np.testing.assert_array_equal(a[key], b[key], err_msg=key)
 
 
 @pytest.fixture
