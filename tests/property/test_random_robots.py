@@ -99,6 +99,24 @@ def test_pruned_variants_equal_mjspec_delete_and_step_finitely(robot, data, plai
 
 @quick
 @given(robot=robots, data=st.data())
+def test_kept_limbs_stay_with_all_above_them_and_nothing_else(robot, data, plain_spec):
+    whole = read(robot)
+    names = data.draw(st.lists(st.sampled_from(cuttable(robot)), min_size=1, max_size=3, unique=True))
+    variant = ablate(robot, keep=names)
+    limb_of = {member: limb.name for limb in whole.limbs for member in limb.members}
+    parents = {limb.name: limb.parent for limb in whole.limbs}
+    wanted = set()
+    for name in names:
+        current = limb_of[name]
+        while current is not None:
+            wanted.add(current)
+            current = parents[current]
+    assert set(variant.limbs) == wanted
+    assert np.isfinite(step(plain_spec(variant.description).compile()).qpos).all()
+
+
+@quick
+@given(robot=robots, data=st.data())
 def test_spliced_limbs_children_keep_orientations_and_get_its_anchor_in_every_pose(robot, data, plain_spec):
     whole = read(robot)
     names = data.draw(st.lists(st.sampled_from(cuttable(robot)), min_size=1, max_size=3, unique=True))
