@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -121,8 +122,24 @@ class Trainer:
 
     def run(self, run: Path, progress: Callable[[Progress], None] | None = None) -> TrainSummary:
         """Train; ends with a checkpoint."""
+        with closing(self.session) as session:
+            log = MetricsLog(run, session.collector.steps, session.agent.learner.updates)
+            with closing(log):
+                self._run(run, log, progress)
+        now, collector = self._progress(self._mark()), session.collector
+        return TrainSummary(
+            run=run,
+            steps=now.steps,
+            real_steps=collector.real_steps,
+            updates=now.updates,
+            elapsed_s=now.elapsed_s,
+            returns=now.returns,
+            diverged=int(collector.env.diverged.sum()),
+            interrupted=now.fraction < 1,
+        )
+
+    def _run(self, run: Path, log: MetricsLog, progress: Callable[[Progress], None] | None) -> None:
         session, clock, config = self.session, self.clock, self.settings.config.trainer
-        log = MetricsLog(run, session.collector.steps, session.agent.learner.updates)
         reported = logged = saved = clock.elapsed_s
         mark = self._mark()
         clock.start()
@@ -151,19 +168,6 @@ class Trainer:
             clock.stop()
             self._save(run)
         log.write(self._metrics(mark))
-        log.close()
-        session.close()
-        now, collector = self._progress(mark), session.collector
-        return TrainSummary(
-            run=run,
-            steps=now.steps,
-            real_steps=collector.real_steps,
-            updates=now.updates,
-            elapsed_s=now.elapsed_s,
-            returns=now.returns,
-            diverged=int(collector.env.diverged.sum()),
-            interrupted=now.fraction < 1,
-        )
 
     def _evaluate(self, interrupts: Interrupts) -> dict[str, dict[str, Any]] | None:
         """Evaluate without using up training time; None where Ctrl-C cut it short."""
