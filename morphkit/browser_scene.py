@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 
 from morphkit.dressing import geom_colour, visible_geoms
+from morphkit.framing import viewpoint
 from morphkit.mechanics import Mechanics
-from morphkit.rendering import viewpoint
 from morphkit.surfaces import surface
 
 _FLOOR_CELLS = 60

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import copy
-import itertools
 from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from morphkit import scenery
+from morphkit import framing, scenery
 from morphkit.errors import ConfigError
 from morphkit.opengl import OffscreenRenderer
 
 if TYPE_CHECKING:
     from morphkit.simulation import Simulation
 
-_FIELD_OF_VIEW = 40.0  # degrees, vertical
-_MARGIN = 1.1
 _MARK = (0.95, 0.42, 0.16)
 _HIDDEN_GROUP = 5
 _HEIGHT_SMOOTHING = 0.05  # share of the way that the camera follows up and down in a frame
-_VIEWS = {"planar": (90.0, -8.0), "free": (125.0, -18.0), "fixed": (125.0, -18.0)}  # azimuth, elevation, degrees
 
 
 def resample(qpos: np.ndarray, fps: float, most: float = 30.0) -> tuple[np.ndarray, float]:
@@ -131,24 +127,26 @@ def model_frames(
         raise ConfigError("there is no state to draw: at least one must have finite numbers only")
     model = copy.copy(model)  # The simulation's own model stays as it is.
     data = mujoco.MjData(model)
-    _move(model, data, states[0])
+    framing.move(model, data, states[0])
     shown = _reach(model, data, root) if reach is None else reach
     _prepare(model, width, height, shown, fine=len(states) == 1)
     scene = mujoco.MjvScene(model, maxgeom=10_000 + scenery.MAX_GEOMS)
     scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
     scene.flags[mujoco.mjtRndFlag.mjRND_CULL_FACE] = False  # The sky is a ball seen from inside.
     camera = mujoco.MjvCamera()
-    camera.azimuth, camera.elevation = _VIEWS.get(base, _VIEWS["free"])
-    camera.distance = _MARGIN * shown / (np.tan(np.radians(_FIELD_OF_VIEW / 2)) * min(1.0, width / height))
+    camera.azimuth, camera.elevation = framing.VIEWS.get(base, framing.VIEWS["free"])
+    camera.distance = (
+        framing.MARGIN * shown / (np.tan(np.radians(framing.FIELD_OF_VIEW / 2)) * min(1.0, width / height))
+    )
     camera.lookat[:] = target = _target(data, root, base)
     if still:
-        target, camera.distance, shown = _view_of_all(model, data, states, root, camera, width / height)
+        target, camera.distance, shown = framing.view_of_all(model, data, states, root, camera, width / height)
         camera.lookat[:] = target
     option = mujoco.MjvOption()
     context = OffscreenRenderer(model, width, height)
     try:
         for state, bodies in zip(states, marks, strict=True):
-            _move(model, data, state)
+            framing.move(model, data, state)
             if not still:
                 target = _target(data, root, base)
                 target[2] = camera.lookat[2] + _HEIGHT_SMOOTHING * (target[2] - camera.lookat[2])
@@ -163,33 +161,12 @@ def model_frames(
         context.close()
 
 
-def viewpoint(
-    model: Any, state: np.ndarray, *, root: int = 1, base: str = "free", aspect: float = 1.0
-) -> tuple[np.ndarray, np.ndarray]:
-    """Where a camera has to be to show a robot, and what it looks at, world frame, m.
-
-    Args:
-        model: The MjModel.
-        state: The pose, shape (nq,).
-        root: Body id of the robot's root.
-        base: How the root is attached; it chooses the side.
-        aspect: Width of the picture by its height.
-    """
-    import mujoco
-
-    camera = mujoco.MjvCamera()
-    camera.azimuth, camera.elevation = _VIEWS.get(base, _VIEWS["free"])
-    data = mujoco.MjData(model)
-    target, distance, _ = _view_of_all(model, data, np.atleast_2d(state), root, camera, aspect)
-    return target - distance * _forward(camera), target
-
-
 def start_reach(simulation: Simulation) -> float:
     """Distance from the robot's centre to its farthest point in the start pose, m."""
     import mujoco
 
     data = mujoco.MjData(simulation.model)
-    _move(simulation.model, data, simulation.model.qpos0)
+    framing.move(simulation.model, data, simulation.model.qpos0)
     return _reach(simulation.model, data, int(simulation.limb_body[0]))
 
 
@@ -199,45 +176,6 @@ def _reach(model: Any, data: Any, root: int) -> float:
         return 1.0
     offsets = np.linalg.norm(data.geom_xpos[mine] - data.subtree_com[root], axis=1)
     return float(max(0.05, np.max(offsets + model.geom_rbound[mine])))
-
-
-def _view_of_all(
-    model: Any, data: Any, states: np.ndarray, root: int, camera: Any, aspect: float
-) -> tuple[np.ndarray, float, float]:
-    """Where a camera of given direction has to be to show the robot in all states.
-
-    Returns:
-        What it looks at, world frame, m; its distance from there, m; half of the diagonal of the robot's box, m.
-    """
-    corners = np.concatenate([_corners(model, data, state, root) for state in states])
-    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
-    forward = _forward(camera)
-    right = np.array([forward[1], -forward[0], 0.0]) / np.hypot(*forward[:2])
-    away = corners - middle
-    upward = np.tan(np.radians(_FIELD_OF_VIEW / 2)) / _MARGIN
-    across = np.abs(away @ right) / (upward * aspect)
-    high = np.abs(away @ np.cross(right, forward)) / upward
-    distance = np.max(np.maximum(across, high) - away @ forward)
-    size = float(np.linalg.norm(corners.max(axis=0) - corners.min(axis=0)) / 2)
-    return middle, float(distance), size
-
-
-def _forward(camera: Any) -> np.ndarray:
-    azimuth, elevation = np.radians((camera.azimuth, camera.elevation))
-    return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-
-
-def _corners(model: Any, data: Any, state: np.ndarray, root: int) -> np.ndarray:
-    """Corners of the boxes around all geoms of the robot, world frame, m, shape (n, 3)."""
-    _move(model, data, state)
-    mine = np.flatnonzero(model.body_rootid[model.geom_bodyid] == model.body_rootid[root])
-    if not len(mine):
-        return np.array(data.xpos[root]) + np.array([[-0.5] * 3, [0.5] * 3])
-    signs = np.array(list(itertools.product((-1, 1), repeat=3)))
-    local = model.geom_aabb[mine, None, :3] + signs * model.geom_aabb[mine, None, 3:]
-    turned = np.einsum("gij,gcj->gci", data.geom_xmat[mine].reshape(-1, 3, 3), local)
-    found: np.ndarray = (turned + data.geom_xpos[mine, None]).reshape(-1, 3)
-    return found
 
 
 def _mark(model: Any, scene: Any, bodies: Collection[int]) -> None:
@@ -260,23 +198,13 @@ def _visuals_only(model: Any) -> Any:
     return model
 
 
-def _move(model: Any, data: Any, state: np.ndarray) -> None:
-    import mujoco
-
-    data.qpos[:] = state
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    mujoco.mj_camlight(model, data)
-    mujoco.mj_tendon(model, data)
-
-
 def _prepare(model: Any, width: int, height: int, reach: float, *, fine: bool) -> None:
     """Set what MuJoCo's renderer takes from the model: size of the picture, shadows, light at the camera.
 
     Fine edges and shadows cost a third of the time without a graphics card: films do without.
     """
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
-    model.vis.global_.fovy = _FIELD_OF_VIEW
+    model.vis.global_.fovy = framing.FIELD_OF_VIEW
     model.vis.quality.offsamples = 4 if fine else 2
     model.vis.quality.shadowsize = 2048 if fine else 1024
     model.vis.map.shadowclip = 1.0
