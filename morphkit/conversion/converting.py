@@ -63,8 +63,8 @@ def convert(description: Description, *, base: Base | None = None, floor: bool |
     Args:
         description: The URDF.
         base: How to attach a root that no joint attaches; None takes what the description says.
-        floor: Whether to add a floor; None adds one where the base is not fixed. A root that gets base joints is then
-            raised until the robot starts 1 cm above it.
+        floor: Whether to add a floor; None adds one where the base is not fixed. A root that can move is then raised
+            until the robot starts 1 cm above it.
 
     Raises:
         ConfigError: It is an MJCF already, or `base` contradicts the joint that attaches the root.
@@ -97,12 +97,14 @@ def convert(description: Description, *, base: Base | None = None, floor: bool |
     notes += settle_masses(spec)
     notes += _settle_meshes(spec, description.file)
     floor = base != "fixed" if floor is None else floor
-    if own_base is None and base != "fixed":
+    if base != "fixed":
         if floor:
             model = compile_spec(spec.copy(), description.file)
             root.pos[2] += completion.CLEARANCE_M - completion.lowest_point(model, model.body(root.name).id)
-        completion.add_base_joints(spec, root, base)
-        notes.append(f"a {base} base was added at {root.name!r}, which starts at height {root.pos[2]:.3f} m")
+        if own_base is None:
+            completion.add_base_joints(spec, root, base)
+            notes.append(f"a {base} base was added at {root.name!r}")
+        notes.append(f"{root.name!r} starts at height {root.pos[2]:.3f} m")
     if floor and completion.add_floor(spec, solid=base != "fixed"):
         notes.append("a floor was added")
     completion.add_motors(spec, morphology.actuators)

@@ -16,6 +16,7 @@ from morphkit.conversion import Conversion, convert, write_conversion
 from morphkit.conversion.inertias import possible_moments
 from morphkit.errors import AssetError, ConfigError, DescriptionError, OutputError
 from morphkit.mesh_files import load_mesh
+from morphkit.morphology import Base
 from morphkit.simulation import build
 from morphkit_cli.main import run
 
@@ -211,6 +212,53 @@ def test_meshes_of_mujoco_are_read(tmp_path: Path) -> None:
     (tmp_path / "cut.msh").write_bytes(content[:-4])
     with pytest.raises(AssetError, match="length"):
         load_mesh(tmp_path / "cut.msh")
+
+
+LINK = (
+    '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    '<collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
+)
+FREE, SLIDE, HINGE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{kind}")) for kind in ("FREE", "SLIDE", "HINGE"))
+
+
+def on_world(folder: Path, joint: str) -> Path:
+    """A robot of one link that a joint ties to a link called `world`."""
+    tie = f'<joint name="j" type="{joint}"><parent link="world"/><child link="a"/><axis xyz="0 0 1"/></joint>'
+    (folder / "r.urdf").write_text(f'<robot name="r"><link name="world"/>{LINK.format("a")}{tie}</robot>')
+    return folder / "r.urdf"
+
+
+@pytest.mark.parametrize(
+    ("joint", "asked", "kinds", "height"),
+    [
+        ("floating", None, [FREE], 0.11),
+        ("planar", None, [SLIDE, SLIDE, HINGE], 0.11),
+        ("fixed", None, [], 0.0),
+        ("fixed", "free", [FREE], 0.11),
+        ("fixed", "planar", [SLIDE, SLIDE, HINGE], 0.11),
+    ],
+)
+def test_base_of_a_robot_on_a_world_link(
+    tmp_path: Path, joint: str, asked: Base | None, kinds: list[int], height: float
+) -> None:
+    model = convert(morphkit.load(on_world(tmp_path, joint)), base=asked).spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    assert model.jnt_type.tolist() == kinds
+    assert data.body("a").xpos[2] == pytest.approx(height)
+    assert (model.ngeom == 2) == bool(kinds)  # a floor where the base moves
+
+
+def test_base_that_contradicts_the_file(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="makes it free"):
+        convert(morphkit.load(on_world(tmp_path, "floating")), base="fixed")
+
+
+def test_other_roots_are_left_out(tmp_path: Path) -> None:
+    (tmp_path / "r.urdf").write_text(f'<robot name="r">{LINK.format("a")}{LINK.format("b")}</robot>')
+    conversion = convert(morphkit.load(tmp_path / "r.urdf", root="b"))
+    assert [body.name for body in conversion.spec.bodies] == ["world", "b"]
+    assert "link 'a' is no part of the tree below 'b' and was left out" in conversion.notes
 
 
 def test_massless_moving_link_gets_a_gram(tmp_path: Path) -> None:
