@@ -15,7 +15,7 @@ from typing import Any, Literal
 from morphkit.description import Description
 from morphkit.errors import CheckpointError, ConfigError, OutputError
 from morphkit_rl.benchmark.bodies import Bodies
-from morphkit_rl.benchmark.lock import owner
+from morphkit_rl.benchmark.lock import locked, owner
 from morphkit_rl.config import TrainConfig
 from morphkit_rl.files import write_text
 from morphkit_rl.metrics import read_metrics
@@ -132,7 +132,8 @@ def create(plans: Sequence[Plan], matrix: Path) -> None:
     try:
         for folder, values in fresh:
             folder.mkdir(parents=True, exist_ok=True)
-            write_text(folder / CELL, json.dumps(values, indent=1) + "\n")
+            with locked(folder):  # against a second process that was started at the same time
+                write_text(folder / CELL, json.dumps(values, indent=1) + "\n")
     except OSError as error:
         raise OutputError(f"{error.filename or matrix}: cannot be written: {error.strerror}") from None
 

@@ -38,7 +38,8 @@ def write_curves(
     from matplotlib.patches import Patch
 
     methods = list(dict.fromkeys(each.method for each in entries))
-    levels = {task: published_returns("train", split, task) if measure == "return" else {} for task in tasks}
+    comparable = measure == "return" and all(each.role == "test" for each in entries)
+    levels = {task: published_returns("train", split, task) if comparable else {} for task in tasks}
 
     def draw(axes: Axes, task: str) -> None:
         _draw(axes, task, [each for each in entries if each.task == task], methods, levels[task], measure)

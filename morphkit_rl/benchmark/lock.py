@@ -11,11 +11,12 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from filelock import FileLock, Timeout
+from filelock import BaseFileLock, FileLock, Timeout
 
 from morphkit.errors import OutputError
 
 _LOCK, _OWNER = ".lock", "owner.json"
+_WAIT_S = 30.0
 _PATIENCE_S = 1.0  # another process may hold the lock for a moment, just to see whether it is free
 
 
@@ -42,14 +43,10 @@ def hold(folder: Path) -> Iterator[bool]:
     Raises:
         OutputError: The file system knows no locks.
     """
-    lock = FileLock(folder / _LOCK)
-    try:
-        lock.acquire(timeout=_PATIENCE_S)
-    except Timeout:
+    lock = _acquire(folder, _PATIENCE_S)
+    if lock is None:
         yield False
         return
-    except NotImplementedError:
-        raise OutputError(f"{folder}: lies on a file system without locks; put the matrix on another one") from None
     try:
         note = asdict(Owner(os.getpid(), socket.gethostname(), time.time()))
         (folder / _OWNER).write_text(json.dumps(note) + "\n", "utf-8")
@@ -57,6 +54,33 @@ def hold(folder: Path) -> Iterator[bool]:
     finally:
         (folder / _OWNER).unlink(missing_ok=True)
         lock.release()
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Write to a folder alone while the block runs, which takes a moment only; waits for others.
+
+    Raises:
+        OutputError: Another process holds the folder for long, or the file system knows no locks.
+    """
+    lock = _acquire(folder, _WAIT_S)
+    if lock is None:
+        raise OutputError(f"{folder}: another process has it locked")
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _acquire(folder: Path, timeout_s: float) -> BaseFileLock | None:
+    lock = FileLock(folder / _LOCK)
+    try:
+        lock.acquire(timeout=timeout_s)
+    except Timeout:
+        return None
+    except NotImplementedError:
+        raise OutputError(f"{folder}: lies on a file system without locks; put the matrix on another one") from None
+    return lock
 
 
 def owner(folder: Path) -> tuple[Owner | None, bool]:

@@ -86,7 +86,7 @@ def _tasks(entries: Sequence[Entry]) -> str:
             show_estimate(each.training_return),
             show(each.published_training),
             show_estimate(each.held_out) if each.has_held_out else "none held out",
-            show(each.published_held_out) if each.role == "test" else MISSING,
+            show(each.published_held_out),
             show_estimate(each.training_score, 3),
             show_estimate(each.held_out_score, 3),
         )

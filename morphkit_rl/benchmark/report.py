@@ -106,7 +106,7 @@ def entry_row(entry: Entry) -> dict[str, Any]:
         "published_training_return": entry.published_training,
         **tables.flat("training_score", entry.training_score),
         **tables.flat("held_out_return", entry.held_out),
-        "published_held_out_return": entry.published_held_out if entry.role == "test" else None,
+        "published_held_out_return": entry.published_held_out,
         **tables.flat("held_out_score", entry.held_out_score),
     }
 
@@ -132,11 +132,12 @@ def _draw(
     entries: Sequence[Entry],
     totals: Sequence[Overall],
 ) -> None:
+    validation = any(each.role == "validation" for each in entries)
     done, asked = sum(len(e.done) for e in entries), sum(len(e.cells) for e in entries)
     seeds = " or ".join(map(str, sorted({len(each.cells) for each in entries})))
     state = f"{done} of {asked} cells done, seeds: {seeds}"
-    validation = any(each.role == "validation" for each in entries)
-    at = f"; published: at {published_steps() / 1e6:g}M steps" if split in load_benchmark().splits else ""
+    comparable = split in load_benchmark().splits and not validation
+    at = f"; published: at {published_steps() / 1e6:g}M steps" if comparable else ""
     heading = f"Split {split}: training return, with exploration noise ({state}{at})"
     write_curves(stage / f"training-split-{split}.png", split, tasks, entries, "return", heading)
     watched = "validation" if validation else "training"

@@ -11,7 +11,7 @@ import numpy as np
 
 from morphkit.errors import CheckpointError
 from morphkit_rl.benchmark.cells import Status
-from morphkit_rl.benchmark.published import OVERALL, published_returns
+from morphkit_rl.benchmark.published import OVERALL, Kind, published_returns
 from morphkit_rl.benchmark.statistics import (
     Estimate,
     estimate,
@@ -133,6 +133,7 @@ def overall(entries: Sequence[Entry], of_tasks: Callable[[str], int]) -> list[Ov
     for split, method in dict.fromkeys((each.split, each.method) for each in entries):
         own = [each for each in entries if (each.split, each.method) == (split, method) and each.done]
         with_held_out = [each for each in own if each.has_held_out]
+        validation = any(each.role == "validation" for each in own)
         found.append(
             Overall(
                 split,
@@ -142,7 +143,7 @@ def overall(entries: Sequence[Entry], of_tasks: Callable[[str], int]) -> list[Ov
                 _estimate([seed_means(each.done, each.role) for each in with_held_out]),
                 _estimate([_scores(each.done, each.role) for each in with_held_out], interquartile_mean),
                 _estimate([_scores(each.done, "train") for each in own], interquartile_mean),
-                published_returns("zero_shot", split, OVERALL).get(method),
+                None if validation else published_returns("zero_shot", split, OVERALL).get(method),
             )
         )
     return found
@@ -191,6 +192,9 @@ def _entry(cells: Sequence[Status]) -> Entry:
     done = [each for each in cells if each.state == "done"]
     returns = [each.result["training_return"] for each in done if each.result]
     known = [value for value in returns if value is not None]
+    # Under validation fewer robots are trained on, and others held out, than in the study.
+    kinds: tuple[Kind, ...] = () if role == "validation" else ("train", "zero_shot")
+    published = {kind: published_returns(kind, cell.split, cell.task).get(cell.method) for kind in kinds}
     return Entry(
         split=cell.split,
         task=cell.task,
@@ -201,8 +205,8 @@ def _entry(cells: Sequence[Status]) -> Entry:
         training_score=_estimate([_scores(done, "train")], interquartile_mean),
         held_out=_estimate([seed_means(done, role)]),
         held_out_score=_estimate([_scores(done, role)], interquartile_mean),
-        published_training=published_returns("train", cell.split, cell.task).get(cell.method),
-        published_held_out=published_returns("zero_shot", cell.split, cell.task).get(cell.method),
+        published_training=published.get("train"),
+        published_held_out=published.get("zero_shot"),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -112,6 +113,14 @@ def test_a_cell_with_other_settings_is_refused_and_nothing_is_written(tmp_path: 
             create(plans, matrix)
         assert message in str(caught.value)
         assert sorted(matrix.rglob("*")) == before
+
+
+def test_a_matrix_that_several_begin_at_once_is_whole(tmp_path: Path) -> None:
+    plans = plan_matrix(load_benchmark(), **{**HOPPERS, "seeds": 12})
+    with ThreadPoolExecutor(8) as pool:
+        for done in [pool.submit(create, plans, tmp_path / "m") for _ in range(8)]:
+            done.result()
+    assert [each.state for each in read_matrix(tmp_path / "m")] == ["not started"] * 12
 
 
 def test_damaged_and_empty_matrices_are_named(tmp_path: Path) -> None:

@@ -213,7 +213,7 @@ def test_validation_is_called_so_and_compared_with_nothing_published(tmp_path: P
     write_report(tmp_path / "m", tmp_path / "report")
     text = (tmp_path / "report/report.md").read_text()
     assert "the test set was left alone" in text
-    assert "269" not in text
+    assert not {"269", "920"} & set(text.replace("|", " ").split())
     assert {row["role"] for row in rows(tmp_path / "report", "robots")} == {"train", "validation"}
 
 
