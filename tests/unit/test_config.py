@@ -9,6 +9,7 @@ import pytest
 
 from morphkit.errors import ConfigError, UnknownNameError
 from morphkit_rl.config import TrainConfig, load_config, presets
+from morphkit_rl.models import METHODS
 
 
 def test_every_preset_loads() -> None:
@@ -34,6 +35,12 @@ OWN = {
     "amorpheus": (TRANSFORMER, 1e-4, 0.1),
     "smp": ({"message_size": 32, "actor_messages": "both", "critic_messages": "both"}, 1e-4, 0.0),
 }
+
+
+def test_every_published_method_has_a_paper_and_a_quick_preset() -> None:
+    assert set(OWN) == set(METHODS) - {"limb-former"}
+    for method in OWN:
+        assert load_config(f"{method}-quick").model.method == method
 
 
 @pytest.mark.parametrize("method", OWN)
