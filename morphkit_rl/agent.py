@@ -21,7 +21,9 @@ from morphkit_rl.models.vocabulary import Vocabulary
 from morphkit_rl.normalizer import Normalizer
 from morphkit_rl.replay import Batch
 from morphkit_rl.td3 import TD3, resolve_precision
+from morphkit_rl.text.controls import controlled
 from morphkit_rl.text.embedder import TokenEmbedder
+from morphkit_rl.text.tuning import make_tuner
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +61,15 @@ class Agent:
         self.vocabulary = Vocabulary.of(specs)
         for spec in specs:  # before the networks, whose sizes would make no sense
             self.check(spec)
-        self.embedder = TokenEmbedder.fit(runs.make_encoder(config), [text for spec in specs for text in spec.texts])
+        texts = [text for spec in specs for text in spec.texts]
+        source = controlled(runs.make_encoder(config), config.text.control, self.vocabulary.texts)
+        self.embedder = TokenEmbedder.fit(source, texts, standardize=config.text.standardize)
         self.learner = TD3(
             config.model,
             config.td3,
             self.embedder.size,
             vocabulary=self.vocabulary,
+            tune=make_tuner(config.text.tune, self.embedder, self.vocabulary.texts),
             device=device,
             precision=resolve_precision(config.trainer.precision, device),
         )

@@ -24,6 +24,11 @@ class TextConfig:
         naming: `canonical` gives like limbs of different robots like texts; `raw` keeps the file's names.
         limb_names: Whether limbs are called by their body (link) or by their joint.
         style: Whether texts are words or, as in published code, names with their underscores.
+        standardize: Whether embeddings are standardised over the training texts; published code takes them as they are.
+        control: `none`, or what stands in for the embeddings to see whether the text matters: `random` vectors,
+            `shuffled` ones of other training texts, or `one-hot` numbers of training texts.
+        tune: Whether embeddings stay `frozen`, get a learned `residual` each, or the whole `encoder` learns; texts that
+            training does not know keep their frozen ones.
     """
 
     encoder: str = "minilm"
@@ -31,6 +36,9 @@ class TextConfig:
     naming: Literal["canonical", "raw"] = "raw"
     limb_names: Literal["body", "joint"] = "body"
     style: Literal["words", "raw"] = "words"
+    standardize: bool = True
+    control: Literal["none", "random", "shuffled", "one-hot"] = "none"
+    tune: Literal["frozen", "residual", "encoder"] = "frozen"
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +94,8 @@ class TD3Config:
         target_noise_clip: Bound of that noise.
         exploration_noise: Standard deviation of the noise on actions in [-1, 1] while collecting.
         gradient_clip: Largest gradient norm; 0 for none.
+        reset_updates: Updates after which the last layers are drawn anew, again and again (Nikishin et al. 2022); 0 for
+            never.
         reward_scale: Factor on rewards before they are learned from.
     """
 
@@ -100,6 +110,7 @@ class TD3Config:
     target_noise_clip: float = 0.5
     exploration_noise: float = 0.2
     gradient_clip: float = 10.0
+    reset_updates: int = 0
     reward_scale: float = 0.1
 
 

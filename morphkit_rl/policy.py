@@ -20,7 +20,9 @@ from morphkit_rl.models import find
 from morphkit_rl.models.layout import build_layout
 from morphkit_rl.models.vocabulary import Vocabulary
 from morphkit_rl.normalizer import Normalizer, normalize
+from morphkit_rl.text.controls import controlled
 from morphkit_rl.text.embedder import TokenEmbedder
+from morphkit_rl.text.tuning import make_tuner
 
 Controller = Callable[[np.ndarray], np.ndarray]
 """float32 observations (batch, tokens) to float32 controls (batch, actuators) of one robot."""
@@ -68,7 +70,8 @@ class Policy:
         saved = runs.read(run)
         config = TrainConfig.from_dict(saved["config"], origin=str(run / "config.json"))
         arrays = checkpoint.load_arrays(folder / "policy.safetensors")
-        encoder = runs.make_encoder(config)
+        vocabulary = Vocabulary.from_dict(state["vocabulary"])
+        encoder = controlled(runs.make_encoder(config), config.text.control, vocabulary.texts)
         try:
             embedder = TokenEmbedder(encoder, arrays["embedding/mean"], arrays["embedding/std"])
             normalizer = Normalizer()
@@ -84,8 +87,8 @@ class Policy:
             )
         method = find(config.model.method)
         checkpoint.check_method(folder, state, method.name)
-        vocabulary = Vocabulary.from_dict(state["vocabulary"])
-        actor, _ = method.build(config.model, encoder.size, vocabulary)
+        tune = make_tuner(config.text.tune, embedder, vocabulary.texts)
+        actor, _ = method.build(config.model, encoder.size, vocabulary, tune)
         checkpoint.load_modules({"actor": actor}, arrays, folder / "policy.safetensors")
         return cls(actor, normalizer, embedder, config, [robot["name"] for robot in saved["robots"]], vocabulary)
 

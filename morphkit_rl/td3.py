@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import deepcopy
 
 import numpy as np
@@ -25,6 +26,7 @@ class TD3:
         config: Hyperparameters.
         embedding_size: Size of a token's text embedding.
         vocabulary: What the method must know of the training robots.
+        tune: Makes a network's own text embeddings; None: they are frozen.
         device: Where the networks live.
         precision: `float32`, or `bfloat16` for the transformer layers; parameters are float32.
     """
@@ -36,13 +38,15 @@ class TD3:
         embedding_size: int,
         *,
         vocabulary: Vocabulary | None = None,
+        tune: Callable[[], nn.Module] | None = None,
         device: str = "cpu",
         precision: str = "float32",
     ):
         self.config = config
         self.device = torch.device(device)
         self.precision = precision
-        actor, critic = build(model, embedding_size, vocabulary)
+        self._build = lambda: build(model, embedding_size, vocabulary, tune)
+        actor, critic = self._build()
         for network in (actor, critic):
             set_precision(network, getattr(torch, precision))
         self.actor, self.critic = actor.to(self.device), critic.to(self.device)
@@ -103,6 +107,8 @@ class TD3:
                 with torch.no_grad():
                     torch._foreach_lerp_(list(target_net.parameters()), list(net.parameters()), self.config.tau)
         self.updates += 1
+        if self.config.reset_updates and self.updates % self.config.reset_updates == 0:
+            self._reset(rng)
         return losses
 
     @torch.no_grad()
@@ -122,6 +128,21 @@ class TD3:
     def optimizers(self) -> dict[str, torch.optim.Optimizer]:
         """The optimisers by name."""
         return {"actor": self.actor_optimizer, "critic": self.critic_optimizer}
+
+    def _reset(self, rng: np.random.Generator) -> None:
+        """Draw the last layers of all networks anew, targets like online ones, and forget their optimisers' moments."""
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(int(rng.integers(2**63)))
+            fresh = self._build()
+        nets = ((self.actor, self.actor_target, self.actor_optimizer),
+                (self.critic, self.critic_target, self.critic_optimizer))  # fmt: skip
+        for drawn, (online, target, optimizer) in zip(fresh, nets, strict=True):
+            values = dict(drawn.named_parameters())
+            for network in (online, target):
+                for name, parameter in network.named_parameters():
+                    if name.startswith(online.last_layers):
+                        parameter.data.copy_(values[name])
+                        optimizer.state.pop(parameter, None)
 
     def _tensor(self, array: np.ndarray) -> Tensor:
         return torch.as_tensor(array, dtype=torch.float32, device=self.device)

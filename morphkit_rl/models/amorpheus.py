@@ -65,6 +65,7 @@ class Actor(nn.Module):
     def __init__(self, scalars: int, config: ModelConfig):
         super().__init__()
         self.network = LimbTransformer(1, scalars, config)
+        self.last_layers = _last_layers(config)
 
     def read_names(self, layout: Layout) -> None:
         """Names mean nothing to this method."""
@@ -80,6 +81,7 @@ class TwinCritic(nn.Module):
     def __init__(self, scalars: int, config: ModelConfig):
         super().__init__()
         self.network = LimbTransformer(2, scalars + 1, config)
+        self.last_layers = _last_layers(config)
 
     def value_robot(self, layout: Layout) -> Tensor:
         """(limbs,) robot of each value: one value a limb."""
@@ -99,3 +101,7 @@ def check(spec: TokenSpec, config: ModelConfig, vocabulary: Vocabulary | None = 
 def build(config: ModelConfig, embedding_size: int, vocabulary: Vocabulary) -> tuple[Actor, TwinCritic]:
     """Actor and twin critics."""
     return Actor(vocabulary.scalars, config), TwinCritic(vocabulary.scalars, config)
+
+
+def _last_layers(config: ModelConfig) -> tuple[str, ...]:
+    return (f"network.encoder.layers.{config.layers - 1}.", "network.encoder.norm.", "network.head.")

@@ -46,7 +46,8 @@ class Layout:
         actions: One slice a robot into the columns of an action row.
         limbs: One slice a robot into the sequence of limbs.
         actuator_columns: For each robot, the column of each actuator within that robot's slice of an action row.
-        embeddings: (texts, size) embeddings of all distinct token texts.
+        texts: All distinct token texts.
+        embeddings: (texts, size) their embeddings.
         observation: What each limb reads of an observation row.
         observation_and_action: What each limb reads of an observation row followed by an action row.
         relation: (limbs, limbs) what limb j is to limb i: itself, parent, child, other or of a foreign robot.
@@ -65,6 +66,7 @@ class Layout:
     actions: tuple[slice, ...]
     limbs: tuple[slice, ...]
     actuator_columns: tuple[np.ndarray, ...]
+    texts: tuple[str, ...]
     embeddings: Tensor
     observation: Slots
     observation_and_action: Slots
@@ -160,6 +162,7 @@ def build_layout(
         actuator_columns=tuple(
             spec.actuator_limb if actions == "limbs" else np.arange(len(spec.actuators)) for spec in specs
         ),
+        texts=tuple(texts),
         embeddings=tensor(embeddings, torch.float32),
         observation=slots(sensed, num_tokens),
         observation_and_action=slots(

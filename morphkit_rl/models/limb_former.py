@@ -99,6 +99,8 @@ class LimbEncoder(nn.Module):
 class Actor(nn.Module):
     """Deterministic policy: (batch, tokens) -> (batch, actuators) in [-1, 1]."""
 
+    last_layers = ("read.", "name.", "head.")
+
     def __init__(self, embedding_size: int, *, d_model: int, layers: int, heads: int, feedforward: int):
         super().__init__()
         self.encoder = LimbEncoder(1, embedding_size, d_model, layers, heads, feedforward)
@@ -128,6 +130,8 @@ class Actor(nn.Module):
 
 class TwinCritic(nn.Module):
     """Two action values in one module: (batch, tokens), (batch, actuators) -> (2, batch, robots)."""
+
+    last_layers = ("hidden.", "head.")
 
     def __init__(self, embedding_size: int, *, d_model: int, layers: int, heads: int, feedforward: int):
         super().__init__()

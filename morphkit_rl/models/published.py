@@ -111,7 +111,7 @@ def _anymorph(method: str, weights: Weights, limbs: Sequence[str], parents: Sequ
     vocabulary = Vocabulary(
         tuple(sensor.name for sensor in spec.sensors),
         tuple(actuator.name for actuator in spec.actuators),
-        len(sensors) // len(actions),
+        scalars=len(sensors) // len(actions),
     )
     table = dict(zip((*vocabulary.sensors, *vocabulary.actions), torch.cat([sensors, actions]).numpy(), strict=True))
     layout = build_layout([spec], lambda texts: np.stack([table[text] for text in texts]), actions="limbs")

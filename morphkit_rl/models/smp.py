@@ -182,6 +182,8 @@ class Messages(nn.Module):
 class Actor(nn.Module):
     """(batch, tokens) -> (batch, limbs) in [-1, 1]."""
 
+    last_layers = ("action.",)
+
     def __init__(self, scalars: int, message: int, children: int, direction: Direction, widths: Widths = PUBLISHED):
         super().__init__()
         self.messages = Messages(scalars, scalars, message, children, direction, widths)
@@ -202,6 +204,8 @@ class Actor(nn.Module):
 
 class TwinCritic(nn.Module):
     """Two values a robot: (batch, tokens), (batch, limbs) -> (2, batch, robots)."""
+
+    last_layers = ("value.",)
 
     def __init__(self, scalars: int, message: int, children: int, direction: Direction, widths: Widths = PUBLISHED):
         super().__init__()

@@ -117,6 +117,7 @@ class Actor(nn.Module):
         d_model = config.d_model
         sizes = (d_model, config.layers, config.heads, config.feedforward)
         self.precision = torch.float32
+        self.last_layers = (f"decoder.layers.{config.layers - 1}.", "decoder.norm.", "head.", "head_name.")
         self.tokens = tokens
         adds = config.combine == "add"
         self.code_size = size if adds else config.code_size

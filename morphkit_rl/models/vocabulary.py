@@ -17,12 +17,14 @@ class Vocabulary:
     Attributes:
         sensors: Sorted distinct names of the sensor tokens.
         actions: Sorted distinct names of the actions, one an actuator and one a limb without any.
+        texts: Sorted distinct texts of both.
         scalars: Most scalars in a limb.
         children: Most children of a limb.
     """
 
     sensors: tuple[str, ...] = ()
     actions: tuple[str, ...] = ()
+    texts: tuple[str, ...] = ()
     scalars: int = 0
     children: int = 0
 
@@ -31,6 +33,7 @@ class Vocabulary:
         """The vocabulary of the robots `specs`."""
         sensors = {sensor.name for spec in specs for sensor in spec.sensors}
         actions = {actuator.name for spec in specs for actuator in spec.actuators}
+        texts = {text for spec in specs for text in spec.texts}
         scalars = children = 0
         for spec in specs:
             driven, parents = set(spec.actuator_limb.tolist()), parent_indices(spec)
@@ -39,13 +42,16 @@ class Vocabulary:
                 scalars = max(scalars, token_limb.count(limb))
                 children = max(children, parents.count(limb))
                 if limb not in driven:
-                    actions.add(limb_action(spec, limb)[0])
-        return cls(tuple(sorted(sensors)), tuple(sorted(actions)), scalars, children)
+                    name, text = limb_action(spec, limb)
+                    actions.add(name)
+                    texts.add(text)
+        return cls(tuple(sorted(sensors)), tuple(sorted(actions)), tuple(sorted(texts)), scalars, children)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Vocabulary:
         """Read what `to_dict` gave, also after a journey through JSON."""
-        return cls(tuple(values["sensors"]), tuple(values["actions"]), values["scalars"], values["children"])
+        sensors, actions, texts = (tuple(values[key]) for key in ("sensors", "actions", "texts"))
+        return cls(sensors, actions, texts, values["scalars"], values["children"])
 
     def to_dict(self) -> dict[str, Any]:
         """The fields as JSON can hold them."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, get_args
@@ -76,6 +76,25 @@ class TextEncoder:
         for row, text in enumerate(texts):
             result[row] = self._known[text]
         return result
+
+    def trainable(self) -> tuple[Callable[[Sequence[str]], dict[str, Any]], Any]:
+        """A function from texts to the network's padded inputs, and a network of its own whose weights can learn.
+
+        Raises:
+            DependencyError: The weights are damaged, or not those that the model's name stands for.
+        """
+        self.source.check_weights()
+        tokenizer, network, max_length = _load(self.source, self.device)
+
+        def tokenize(texts: Sequence[str]) -> dict[str, Any]:
+            return dict(
+                tokenizer(
+                    list(texts), return_tensors="pt", padding=True, truncation=max_length is not None,
+                    max_length=max_length,
+                )
+            )  # fmt: skip
+
+        return tokenize, network.requires_grad_(True)
 
     def _encode_one(self, text: str) -> np.ndarray:
         import torch
