@@ -7,7 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from morphkit.errors import DescriptionError
-from morphkit.validation import mjcf, mjcf_assets, mjcf_values, urdf, urdf_joints, urdf_links
+from morphkit.validation import mjcf, mjcf_assets, mjcf_values, urdf, urdf_joints, urdf_links, urdf_masses
 from morphkit.validation.document import Document, elements, open_document
 from morphkit.validation.finding import Report
 from morphkit.validation.meshes import MeshFacts, check_meshes
@@ -56,7 +56,7 @@ def _check_urdf(doc: Document, *, deep: bool) -> None:
     inertials, uses = urdf_links.check_links(doc, tree)
     answer = probe([use.path for use in uses], None) if deep else Answer()
     check_meshes(doc, uses, answer.meshes)
-    urdf_links.check_masses(doc, tree, inertials, uses, answer.meshes)
+    urdf_masses.check_masses(doc, tree, inertials, uses, answer.meshes)
     _check_death(doc, answer)
 
 

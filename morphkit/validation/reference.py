@@ -44,7 +44,7 @@ def reference() -> str:
 
 def _safe(text: str) -> str:
     """`text` with elements as code, which Markdown would take for HTML."""
-    words = text.replace("<", "`<").replace(">", ">`")
+    words = text.replace("<", "`<").replace(">", ">`").replace("``", "")
     return words.replace("xacro robot.urdf.xacro >` robot.urdf", "`xacro robot.urdf.xacro > robot.urdf`")
 
 
