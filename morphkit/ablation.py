@@ -235,7 +235,7 @@ def _name_left(file: MjcfFile, plan: Plan) -> list[Loss]:
     """Write the names of bodies without one into the file: those that it is given count bodies, and would change."""
     lost = []
     for name, element in file.bodies.items():
-        if element.get("name") is None and name not in plan.gone:
+        if not element.get("name") and name not in plan.gone:
             element.set("name", name)
             lost.append(Loss("name", name, "", "the body had no name; it got the one that the source's tokens have"))
     return lost

@@ -94,7 +94,7 @@ class _Shared:
         self._layout: Layout | None = None
         self._bones = _bones(self._source.root, description)
         elements = body_elements(self._source.root)
-        self._names = [element.get("name") for element in elements]
+        self._names = [element.get("name") or None for element in elements]
         if None in self._names and not partial:
             self._names = [body.name for body in _parse_spec(description).bodies[1:]]
             assert len(self._names) == len(elements)

@@ -61,7 +61,7 @@ def collect(body: Any, name: str, limb: str, removed: Removed) -> Iterator[Loss]
     for part in _parts(body):
         kind = _KINDS.get(part.tag, part.tag)
         own = part.get("name")
-        if own is not None:
+        if own:
             removed[(kind, own)] = limb
         if part.tag in _RECORDED_PARTS:
             yield Loss(kind, own or f"{kind} of {name}", limb, f"part of {limb}")
@@ -95,7 +95,7 @@ def prune_references(root: Any, removed: Removed, bones: Bones) -> Iterator[Loss
             limb = removed[hit]
             name = item.get("name")
             own = _own_kind(item)
-            if name is not None:
+            if name:
                 removed[(own, name)] = limb
             yield Loss(own, name or f"{item.tag} of {kind} {target}", limb, f"refers to {kind} {target}")
             section = item.getparent()

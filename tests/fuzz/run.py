@@ -7,6 +7,7 @@ in `.fuzz/`; this program then goes on with the next seed, and ends with 1 where
 from __future__ import annotations
 
 import argparse
+import contextlib
 import faulthandler
 import json
 import subprocess
@@ -36,26 +37,28 @@ def work(seed: int, folder: Path) -> int:
         max_examples=10**6,
         deadline=None,
         database=None,
+        report_multiple_bugs=False,
         phases=(Phase.generate, Phase.shrink),
         suppress_health_check=list(HealthCheck),
     )
     @given(source=broken_files())
     def fuzz(source: bytes) -> None:
         if time.monotonic() > end:
-            raise TimeoutError
+            raise KeyboardInterrupt  # which hypothesis takes for no bug of the file
         (folder / "current").write_bytes(source)
         faulthandler.dump_traceback_later(SECONDS_A_FILE, exit=True)
-        ends[attempt(source)] += 1
+        try:
+            ends[attempt(source)] += 1
+        except Exception:
+            (folder / "failing").write_bytes(source)
+            (folder / "reason").write_text(traceback.format_exc())
+            raise
         faulthandler.cancel_dump_traceback_later()
 
-    try:
+    with contextlib.suppress(BaseException):  # what was found is in the folder, as small as the time allowed
         fuzz()
-    except TimeoutError:
-        pass
-    except BaseException:
-        if time.monotonic() <= end + 30 and "TimeoutError" not in traceback.format_exc().splitlines()[-1]:
-            (folder / "reason").write_text(traceback.format_exc())
-            return 1
+    if (folder / "reason").exists():
+        return 1
     print(json.dumps(ends), flush=True)
     return 0
 
@@ -74,7 +77,8 @@ def main() -> int:
     end = time.monotonic() + 60 * arguments.minutes
     seed, found, ends = arguments.seed, 0, Counter[str]()
     while time.monotonic() < end:
-        (arguments.folder / "reason").unlink(missing_ok=True)
+        for name in ("reason", "failing"):
+            (arguments.folder / name).unlink(missing_ok=True)
         command = [
             sys.executable,
             "-m",
@@ -93,7 +97,8 @@ def main() -> int:
             reason = arguments.folder / "reason"
             text = reason.read_text() if reason.exists() else f"exit code {done.returncode}\n{done.stderr[-3000:]}"
             (arguments.folder / f"{seed}.txt").write_text(text)
-            (arguments.folder / f"{seed}.xml").write_bytes((arguments.folder / "current").read_bytes())
+            failing = arguments.folder / ("failing" if reason.exists() else "current")
+            (arguments.folder / f"{seed}.xml").write_bytes(failing.read_bytes())
             print(f"found: {arguments.folder / str(seed)}.xml: {text.strip().splitlines()[-1]}", flush=True)
         seed += 1
     print(f"{sum(ends.values())} files tried ({', '.join(f'{n} {e}' for e, n in ends.most_common())}), {found} found")

@@ -13,16 +13,18 @@ from lxml import etree
 ROBOTS = Path(__file__).parents[2] / "robots"
 EVERYTHING = Path(__file__).with_name("everything.xml")
 WORDS = (
-    "", " ", "0", "-1", "1e308", "-1e308", "1e-320", "nan", "inf", "-inf", "1e999", "99999999999", "2147483648", "-2147483649",
-    "0 0 0", "1 2", "1 2 3 4 5 6 7 8 9", "true", "false", "auto", "world", "main", "a", "../a", "/etc/passwd", "a/b", "a\\b",
-    "a b", "é漢😀", "'\"&<>", "x" * 300, "%s%n", "{}", "$(find x)", "package://x/y.stl", "model://", "file:///etc/passwd",
-    "a.stl", "a.obj", "a.png", "hinge", "ball", "free", "slide", "mesh", "sphere", "fixed", "revolute", "floating", "planar",
+    "", " ", "0", "-1", "1e308", "-1e308", "1e-320", "nan", "inf", "-inf", "1e999", "99999999999", "2147483648",
+    "-2147483649", "0 0 0", "1 2", "1 2 3 4 5 6 7 8 9", "true", "false", "auto", "world", "main", "a", "../a",
+    "/etc/passwd", "a/b", "a\\b", "a b", "é漢😀", "'\"&<>", "x" * 300, "%s%n", "{}", "$(find x)", "package://x/y.stl",
+    "model://", "file:///etc/passwd", "a.stl", "a.obj", "a.png", "hinge", "ball", "free", "slide", "mesh", "sphere",
+    "fixed", "revolute", "floating", "planar",
 )  # fmt: skip
 TAGS = (
-    "body", "joint", "freejoint", "geom", "site", "camera", "frame", "default", "replicate", "attach", "inertial", "plugin",
-    "tendon", "spatial", "fixed", "actuator", "motor", "position", "sensor", "equality", "weld", "key", "keyframe", "compiler",
-    "mesh", "hfield", "texture", "material", "flexcomp", "composite", "skin", "exclude", "pair", "mocap", "include", "model",
-    "link", "origin", "axis", "limit", "mimic", "parent", "child", "transmission", "gazebo", "ros2_control", "collision",
+    "body", "joint", "freejoint", "geom", "site", "camera", "frame", "default", "replicate", "attach", "inertial",
+    "plugin", "tendon", "spatial", "fixed", "actuator", "motor", "position", "sensor", "equality", "weld", "key",
+    "keyframe", "compiler", "mesh", "hfield", "texture", "material", "flexcomp", "composite", "skin", "exclude",
+    "pair", "mocap", "include", "model", "link", "origin", "axis", "limit", "mimic", "parent", "child",
+    "transmission", "gazebo", "ros2_control", "collision",
 )  # fmt: skip
 BYTES = (
     b"\0",
