@@ -26,7 +26,7 @@ class Body:
 def bodies(draw: st.DrawFn, kinds: tuple[str, ...], most_joints: int) -> tuple[Body, ...]:
     """A tree of 2 to 9 bodies in depth-first order, the root without joints."""
     count = draw(st.integers(2, 9))
-    number = st.floats(-0.5, 0.5).map(lambda value: round(value, 3))
+    number = st.integers(-500, 500).map(lambda value: value / 1000)  # floats would mostly be 0
     words = draw(st.lists(st.sampled_from(WORDS), min_size=count, max_size=count))
     tree = [Body("root", -1, (), (0.0,) * 6, 0.0)]
     path = [0]  # the root and the bodies below it, down to the last one made
