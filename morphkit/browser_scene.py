@@ -14,6 +14,8 @@ from morphkit.mechanics import Mechanics
 from morphkit.surfaces import surface
 
 _FLOOR_CELLS = 60
+_SKY_TOP, _SKY_BOTTOM = (150, 176, 204), (226, 230, 234)
+_WHITEST = 0.92  # A whiter white shows no shape.
 
 
 class RobotScene:
@@ -62,7 +64,8 @@ class RobotScene:
         model, scene = mechanics.model, self._server.scene
         scene.set_up_direction("+z")
         scene.configure_environment_map(None)  # Without a graphics card its light takes seconds a frame.
-        scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(205, 195, 180), intensity=4.0)
+        scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(205, 195, 180), intensity=3.0)
+        scene.set_background_image(_sky(), format="png")
         position, target = viewpoint(model, state, root=mechanics.root, base=mechanics.morphology.base, aspect=1.2)
         camera = self._server.initial_camera
         camera.position, camera.look_at, camera.up = tuple(position), tuple(target), (0.0, 0.0, 1.0)
@@ -76,9 +79,9 @@ class RobotScene:
             height=side,
             cell_size=cell,
             section_size=4 * cell,
-            cell_color=(214, 208, 198),
-            section_color=(184, 176, 164),
-            plane_color=(240, 236, 229),
+            cell_color=(186, 177, 163),
+            section_color=(158, 148, 133),
+            plane_color=(206, 197, 183),
             plane_opacity=1.0,
             shadow_opacity=0.35,
             fade_distance=4 * reach,
@@ -100,7 +103,7 @@ class RobotScene:
                 f"{path}/{geom}",
                 mesh.vertices,
                 mesh.faces,
-                color=tuple(round(255 * float(value)) for value in colour[:3]),
+                color=tuple(round(255 * min(_WHITEST, float(value))) for value in colour[:3]),
                 opacity=float(colour[3]) if colour[3] < 1 else None,
                 side="double",
                 position=model.geom_pos[geom],
@@ -109,6 +112,13 @@ class RobotScene:
             if body in mechanics.limb_of:
                 handle.on_click(lambda _, name=name: self._clicked(name))
         return frame
+
+
+def _sky() -> np.ndarray:
+    """Picture of a sky that gets lighter downwards, uint8: white robots stand out before it."""
+    share = np.linspace(0, 1, 90)[:, None, None]
+    colours = (1 - share) * np.array(_SKY_TOP) + share * np.array(_SKY_BOTTOM)
+    return np.broadcast_to(colours, (90, 160, 3)).astype(np.uint8)
 
 
 def body_path(name: str) -> str:
