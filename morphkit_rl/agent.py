@@ -113,10 +113,22 @@ class Agent:
         view = view or self.robots
         return self.learner.act(obs, *self._scale_and_shift(view), view.layout)
 
-    def update(self, batch: Batch, rng: np.random.Generator, view: View | None = None) -> dict[str, Tensor]:
-        """One TD3 update from transitions of the robots of `view` (default: all training robots); its losses."""
+    def update(
+        self, batch: Batch, rng: np.random.Generator, view: View | None = None, number: int | None = None
+    ) -> dict[str, Tensor]:
+        """One TD3 update.
+
+        Args:
+            batch: Transitions of the robots of `view`.
+            rng: Source of the target noise.
+            view: The robots; default: all training robots.
+            number: Which update it is, from 0, for `td3.policy_delay`; default: that of all so far.
+
+        Returns:
+            The losses.
+        """
         view = view or self.robots
-        return self.learner.update(batch, *self._scale_and_shift(view), view.layout, rng)
+        return self.learner.update(batch, *self._scale_and_shift(view), view.layout, rng, number)
 
     def arrays(self) -> dict[str, dict[str, np.ndarray]]:
         """Everything of a checkpoint that is large: arrays by name, a group a file."""

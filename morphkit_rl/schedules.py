@@ -100,6 +100,7 @@ class Rounds:
         rng: Source of exploration, replay samples and target noise.
 
     Attributes:
+        updates_due: Updates that each robot was to do when learning began in the latest round.
         updates_left: Updates that each robot still has to do in this round; all 0 while collecting.
     """
 
@@ -107,7 +108,7 @@ class Rounds:
         self.config, self.agent, self.collector, self.rng = config, agent, collector, rng
         shape = (len(collector.robots), collector.num_envs)
         self._over, self._counted = np.zeros(shape, bool), np.zeros(len(collector.robots), np.int64)
-        self.updates_left = np.zeros(len(collector.robots), np.int64)
+        self.updates_due, self.updates_left = self._counted.copy(), self._counted.copy()
 
     def begin(self) -> None:
         """Start the first round."""
@@ -121,18 +122,25 @@ class Rounds:
             return {}
         robot, td3 = int(waiting[0]), self.config.td3
         batch = sample([self.collector.rings[robot]], td3.batch_size, td3.n_step, td3.discount, self.rng)
+        number = int(self.updates_due[robot] - self.updates_left[robot])
         self.updates_left[robot] -= 1
-        return self.agent.update(batch, self.rng, self.agent.each[robot])
+        return self.agent.update(batch, self.rng, self.agent.each[robot], number)
 
     def state(self) -> dict[str, Any]:
         """Where the round stands."""
-        arrays = {"over": self._over, "counted": self._counted, "updates_left": self.updates_left}
-        return {name: array.tolist() for name, array in arrays.items()}
+        return {
+            "over": self._over.tolist(),
+            "counted": self._counted.tolist(),
+            "updates_due": self.updates_due.tolist(),
+            "updates_left": self.updates_left.tolist(),
+        }
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Take over what `state` gave."""
         self._over, self._counted = np.array(state["over"], bool), np.array(state["counted"], np.int64)
-        self.updates_left = np.array(state["updates_left"], np.int64)
+        self.updates_due, self.updates_left = (
+            np.array(state[name], np.int64) for name in ("updates_due", "updates_left")
+        )
 
     def _collect(self) -> None:
         self.agent.refresh()
@@ -150,7 +158,8 @@ class Rounds:
         self.collector.store(action, step, cut=whole)
         if whole:
             self.agent.refresh()
-            self.updates_left, self._counted = self._counted, np.zeros_like(self._counted)
+            self.updates_due, self.updates_left = self._counted, self._counted.copy()
+            self._counted = np.zeros_like(self._counted)
             self._over[:] = False
 
 

@@ -59,7 +59,13 @@ class TD3:
         self.updates = 0
 
     def update(
-        self, batch: Batch, scale: Tensor | None, shift: Tensor | None, layout: Layout, rng: np.random.Generator
+        self,
+        batch: Batch,
+        scale: Tensor | None,
+        shift: Tensor | None,
+        layout: Layout,
+        rng: np.random.Generator,
+        number: int | None = None,
     ) -> dict[str, Tensor]:
         """Update the critics, and every `policy_delay`-th time the actor and the targets.
 
@@ -71,6 +77,7 @@ class TD3:
             shift: (tokens,) summand that normalises observations; None as with `scale`.
             layout: The robots.
             rng: Source of the target noise.
+            number: Which update it is, from 0, for `policy_delay`; default: that of all so far.
 
         Returns:
             Scalars: `critic_loss` and `q_mean`, with `actor_loss` where the actor was updated.
@@ -96,7 +103,7 @@ class TD3:
             "q_mean": (q.detach().mean((0, 1)) * share).sum() / self.config.reward_scale,
         }
         first = 0 if self.config.actor_first else self.config.policy_delay - 1
-        if self.updates % self.config.policy_delay == first:
+        if (self.updates if number is None else number) % self.config.policy_delay == first:
             self.critic.requires_grad_(False)
             q = self.critic(obs, self.actor(obs, layout), layout, members=1)[0]
             self.critic.requires_grad_(True)

@@ -55,7 +55,8 @@ def test_paper_presets_are_the_published_hyperparameters(method: str) -> None:
     for section, values in expected.items():
         assert {name: config[section][name] for name in values} == values
     if method == "ma-bert":
-        assert (config["text"]["encoder"], config["text"]["pooling"]) == ("bert-base-uncased", "cls")
+        text = {"encoder": "bert-base-uncased", "pooling": "cls", "style": "raw", "standardize": False}
+        assert {name: config["text"][name] for name in text} == text
 
 
 def test_overrides_change_one_setting() -> None:

@@ -49,6 +49,25 @@ def test_every_method_trains_saves_resumes_exactly_loads_and_evaluates(
     assert np.isfinite([*seen.returns, *unseen.returns]).all()
 
 
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("model.method=ma-bert", "text.tune=residual", "td3.reset_updates=3"),
+        ("model.method=limb-former", "text.tune=residual", "text.control=shuffled"),
+        ("model.method=limb-former", "text.control=one-hot", "td3.reset_updates=2"),
+        ("model.method=anymorph", "text.control=random", "trainer.replay_dtype=float16"),
+    ],
+)
+def test_options_of_texts_and_learning_resume_exactly_too(tmp_path: Path, options: tuple[str, ...]) -> None:
+    robots, settings = [load("hopper"), load("hopper_3")], config("limb-former", *options)
+    train(robots, tmp_path / "whole", settings, steps=32)
+    train(robots, tmp_path / "parts", settings, steps=20)
+    resume(tmp_path / "parts", steps=32)
+    assert_same(tmp_path / "whole", tmp_path / "parts")
+    (unseen,) = evaluate(tmp_path / "whole", [load("hopper_4")], episodes=1)
+    assert np.isfinite(unseen.returns).all()
+
+
 def test_noise_of_methods_that_act_by_limb_falls_on_columns_without_a_motor_too(tmp_path: Path) -> None:
     from morphkit_rl.session import Session
 

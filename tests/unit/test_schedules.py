@@ -66,7 +66,10 @@ def test_first_episodes_of_a_robot_that_never_falls_end_spread_over_the_episode_
     )
 
 
-ROUNDS = ("trainer.schedule=rounds", "trainer.num_envs=1", "trainer.start_steps=10", "td3.n_step=2")
+ROUNDS = (
+    *("trainer.schedule=rounds", "trainer.num_envs=1", "trainer.start_steps=10", "td3.n_step=2"),
+    "td3.actor_first=true",
+)
 
 
 def test_a_round_is_an_episode_of_every_robot_then_as_many_updates_as_counted_steps_from_its_own_replay(
@@ -75,13 +78,15 @@ def test_a_round_is_an_episode_of_every_robot_then_as_many_updates_as_counted_st
     one = session("hopper", "hopper_3", overrides=ROUNDS)
     schedule, collector = one.schedule, one.collector
     assert isinstance(schedule, Rounds)
-    trained_on: list[int] = []
+    trained_on: list[tuple[int, int]] = []
     update = one.agent.update
 
-    def spy(batch: Any, rng: Any, view: Any) -> Any:
-        trained_on.append(one.agent.each.index(view))
+    def spy(batch: Any, rng: Any, view: Any, number: int) -> Any:
+        trained_on.append((one.agent.each.index(view), number))
         assert batch.obs.shape == (4, view.layout.num_tokens)
-        return update(batch, rng, view)
+        losses = update(batch, rng, view, number)
+        assert ("actor_loss" in losses) == (number % 2 == 0), "each robot begins with an update of the actor"
+        return losses
 
     monkeypatch.setattr(one.agent, "update", spy)
     for _ in range(2):
@@ -96,7 +101,7 @@ def test_a_round_is_an_episode_of_every_robot_then_as_many_updates_as_counted_st
         trained_on.clear()
         while schedule.updates_left.any():
             schedule.advance()
-        assert trained_on == [0] * counted[0] + [1] * counted[1]
+        assert trained_on == [(robot, number) for robot in range(2) for number in range(counted[robot])]
     assert collector.real_steps == 2 * collector.rings[0].added > collector.steps
     assert one.agent.learner.updates == collector.steps
 
