@@ -14,7 +14,20 @@ import typer
 
 from morphkit.errors import MorphkitError, TrainingError
 
-from . import ablate, benchmark, benchmark_random, benchmark_run, check, convert, diff, evaluate, robots, show, tokens, train
+from . import (
+    ablate,
+    benchmark,
+    benchmark_random,
+    benchmark_run,
+    check,
+    convert,
+    diff,
+    evaluate,
+    robots,
+    show,
+    tokens,
+    train,
+)
 
 INTERRUPTED = 130
 

@@ -80,7 +80,9 @@ def test_wrong_usage_is_explained(arguments, expected, capsys):
     assert "--help'." in captured.err
 
 
-@pytest.mark.parametrize("command", ["robots", "tokens", "ablate", "check", "convert", "diff", "show", "train", "evaluate"])
+@pytest.mark.parametrize(
+    "command", ["robots", "tokens", "ablate", "check", "convert", "diff", "show", "train", "evaluate"]
+)
 def test_help_has_examples(command, capsys):
     assert run([command, "--help"]) == 0
     assert f"morphkit {command}" in capsys.readouterr().out.split("Examples:")[1]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from dataclasses import replace
 
 import pytest
@@ -15,6 +17,7 @@ from morphkit.description import Description
 from morphkit.pairing import moved, pair_rest
 from morphkit.robots import load
 from morphkit_cli.main import run
+from morphkit_cli.terminal import show
 
 URDF = b"""<robot name="r">
   <link name="trunk"><inertial><mass value="2"/><inertia ixx=".02" iyy=".03" izz=".04" ixy="0" ixz="0" iyz="0"/>
@@ -224,3 +227,21 @@ def test_output_into_a_pipe_has_no_colour_and_whole_lines(capsys: pytest.Capture
     lines = capsys.readouterr().out.splitlines()
     assert not any("\x1b" in line for line in lines)
     assert any(len(line) > 100 for line in lines)
+
+
+@pytest.mark.parametrize("no_color", [False, True])
+def test_a_terminal_gets_colours_unless_it_wants_none(no_color: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pty")
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    if no_color:
+        monkeypatch.setenv("NO_COLOR", "1")
+    ours, theirs = os.openpty()
+    with os.fdopen(theirs, "w", encoding="utf-8") as terminal:
+        monkeypatch.setattr(sys, "stdout", terminal)
+        show(render(compare(load("cheetah"), load("cheetah_3_balanced"))))
+        monkeypatch.undo()
+    text = os.read(ours, 100_000).decode()
+    os.close(ours)
+    assert "- bshin" in text
+    assert ("\x1b[1;31m- bshin" in text) is not no_color
