@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
@@ -27,10 +27,11 @@ class Packer:
         files: SHA-256 of each file, by its path relative to that folder.
     """
 
-    def __init__(self, folder: Path, stage: Path, mode: AssetMode) -> None:
-        """Pack for `folder`, which is being written at `stage`."""
+    def __init__(self, folder: Path, stage: Path, mode: AssetMode, taken: Collection[str]) -> None:
+        """Pack for `folder`, which is being written at `stage`; `taken` holds names, casefolded, that are not free."""
         self.files: dict[str, str] = {}
         self._folder, self._stage, self._mode = folder.resolve(), stage, mode
+        self._taken = taken
         self._paths: dict[str, Path] = {}
 
     def pack(self, description: Description) -> tuple[bytes, list[Loss]]:
@@ -84,6 +85,8 @@ class Packer:
         if asset.place is None and known is not None:
             return known
         place = asset.place or PurePosixPath(_OUTSIDE) / asset.path.name
+        if place.as_posix().casefold() in self._taken:
+            place = PurePosixPath(_OUTSIDE) / asset.path.name
         number = 1
         while self._paths.setdefault(place.as_posix(), asset.path) != asset.path:
             number += 1

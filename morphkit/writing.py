@@ -54,9 +54,9 @@ def write_family(
     folder = Path(folder)
     _check_target(folder, source, force)
     with staged_folder(folder) as stage:
-        packer = Packer(folder, stage, assets)
         rest: dict[str, list[Any]] = {"failed": [], "mirrored": []}
         taken = {FILE_NAME}
+        packer = Packer(folder, stage, assets, taken)
         with _open_manifest(stage, source) as listing:
             for variant in variants:
                 if isinstance(variant, FailedVariant):
@@ -65,10 +65,9 @@ def write_family(
                     rest["mirrored"].append(asdict(variant))
                 else:
                     file = variant.description.file
-                    if file.casefold() in taken:
-                        raise OutputError(
-                            f"{folder}: two variants would be written to {file}; give one of them another name"
-                        )
+                    if file.casefold() in taken or (stage / file).exists():
+                        what = "two variants" if file.casefold() in taken else "a variant and an asset"
+                        raise OutputError(f"{folder}: {what} would be written to {file}; give one of them another name")
                     taken.add(file.casefold())
                     content, missing = packer.pack(variant.description)
                     (stage / file).write_bytes(content)

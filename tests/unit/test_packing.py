@@ -3,6 +3,7 @@ from __future__ import annotations
 import hashlib
 import shutil
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -170,3 +171,21 @@ def test_models_to_attach_bring_their_own_assets(tmp_path: Path):
     robot = load(home / "r.xml")
     path = write_family(robot, [ablate(robot, remove=["c"])], tmp_path / "out")
     assert sorted(read_manifest(path).assets) == ["arm/arm.xml", "arm/meshes/hand.stl"]
+
+
+def test_a_copy_never_takes_the_place_of_a_variant_or_of_the_manifest(tmp_path: Path):
+    home = tmp_path / "robot"
+    home.mkdir()
+    (home / "manifest.json").write_bytes(stl(1))
+    (home / "Stump.xml").write_bytes(stl(2))
+    meshes = "".join(f'<mesh filename="{name}"/>' for name in ("manifest.json", "Stump.xml"))
+    (home / "r.urdf").write_text(
+        f'<robot name="r"><link name="base"><visual><geometry>{meshes}</geometry></visual></link><link name="arm"/>'
+        '<joint name="a" type="continuous"><parent link="base"/><child link="arm"/></joint></robot>'
+    )
+    robot = load(home / "r.urdf")
+    variant = ablate(robot, remove=["arm"], name="stump")
+    variant = replace(variant, description=replace(variant.description, file="stump.xml"))
+    path = write_family(robot, [variant], tmp_path / "out")
+    assert sorted(read_manifest(path).assets) == ["assets/Stump.xml", "assets/manifest.json"]
+    assert (path.parent / "assets" / "Stump.xml").read_bytes() == stl(2)
