@@ -24,30 +24,6 @@ TEXTS = ["ffoot position x", "front foot position x", "bthigh joint range low", 
 
 
 @pytest.fixture(scope="session")
-def tiny_bert(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A BERT of 8 dimensions with random weights, saved as `save_pretrained` does."""
-    import torch
-    from transformers import BertConfig, BertModel, BertTokenizerFast
-
-    folder = tmp_path_factory.mktemp("models") / "tiny"
-    words = sorted({word for text in TEXTS for word in text.split()})
-    folder.mkdir()
-    (folder / "vocab.txt").write_text("\n".join(["[PAD]", "[UNK]", "[CLS]", "[SEP]", "[MASK]", *words]) + "\n")
-    torch.manual_seed(0)
-    config = BertConfig(
-        vocab_size=5 + len(words),
-        hidden_size=8,
-        num_hidden_layers=2,
-        num_attention_heads=2,
-        intermediate_size=16,
-        max_position_embeddings=12,
-    )
-    BertModel(config).save_pretrained(folder)
-    BertTokenizerFast.from_pretrained(folder).save_pretrained(folder)
-    return folder
-
-
-@pytest.fixture(scope="session")
 def minilm(tmp_path_factory: pytest.TempPathFactory) -> TextEncoder:
     return TextEncoder(cache_dir=tmp_path_factory.mktemp("minilm"))
 
