@@ -11,6 +11,9 @@ from morphkit.tokens import TokenSpec
 
 CLIP = 10.0
 """Bound of standardised observations, so that a wild state cannot saturate the networks."""
+LARGEST = 1000.0
+"""Bound of observations (m, m/s, rad/s, ...) as the statistics see them, so that a simulation on its way to diverging
+cannot hide from all robots what they sense."""
 
 
 class Normalizer:
@@ -44,9 +47,9 @@ class Normalizer:
         return np.array([row.get(name, -1) for name in names], dtype=np.int64)
 
     def update(self, obs: np.ndarray, index: np.ndarray) -> None:
-        """Add observations (batch, tokens) whose columns belong to the rows `index`; rows must not be -1."""
+        """Add observations (batch, tokens), bounded by `LARGEST`, of the rows of statistics `index`, none of them -1."""
         size = len(self.keys)
-        obs = obs.astype(np.float64)
+        obs = obs.astype(np.float64).clip(-LARGEST, LARGEST)
         count = np.bincount(index, minlength=size) * float(len(obs))
         total = np.bincount(index, obs.sum(0), minlength=size)
         seen = np.maximum(count, 1)

@@ -50,3 +50,13 @@ def test_a_quantity_without_statistics_passes_unchanged() -> None:
 def test_wild_states_are_bounded() -> None:
     rows = normalize(torch.tensor([[1e9, -1e9, 0.5]]), torch.ones(3), torch.zeros(3))
     assert rows.tolist() == [[CLIP, -CLIP, 0.5]]
+
+
+def test_a_wild_state_hides_nothing_from_the_other_robots() -> None:
+    normalizer = Normalizer()
+    index = normalizer.index([spec("cheetah")], grow=True)
+    obs = np.random.default_rng(0).normal(0, 3, (10_000, len(index))).astype(np.float32)
+    obs[17] = 1e10
+    normalizer.update(obs, index)
+    scale, _ = normalizer.scale_and_shift(index)
+    assert (1 / scale < 12).all()
