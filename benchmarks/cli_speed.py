@@ -1,4 +1,4 @@
-"""Wall time of `morphkit --help` and of `morphkit tokens` on a URDF of 100 links, and what those commands import.
+"""Wall time of `morphkit --help` and of `morphkit tokens` on URDFs of 100 and 2 000 links, and what these import.
 
 Run with `make bench` or `python benchmarks/cli_speed.py`. Exits with 1 where a limit is missed.
 """
@@ -17,6 +17,8 @@ RUNS = 7
 HELP_LIMIT_S = 0.5
 TOKENS_LIMIT_S = 1.5
 LINKS = 100
+LARGE_LIMIT_S = 5.0
+LARGE_LINKS = 2000
 
 
 def urdf(links: int) -> str:
@@ -63,11 +65,16 @@ def main() -> int:
         robot.write_text(urdf(LINKS), encoding="utf-8")
         help_s = wall_time_s("--help")
         tokens_s = wall_time_s("tokens", str(robot))
+        large = Path(folder) / "millipede.urdf"
+        large.write_text(urdf(LARGE_LINKS), encoding="utf-8")
+        large_s = wall_time_s("tokens", str(large), "--format", "json")
         heavy = imported("tokens", str(robot)) & {"torch", "transformers"}
     print(f"morphkit --help:                     {help_s:.2f} s (limit {HELP_LIMIT_S} s), median of {RUNS}")
     print(f"morphkit tokens, URDF of {LINKS} links:  {tokens_s:.2f} s (limit {TOKENS_LIMIT_S} s), median of {RUNS}")
+    print(f"morphkit tokens, URDF of {LARGE_LINKS} links: {large_s:.2f} s (limit {LARGE_LIMIT_S} s), median of {RUNS}")
     print(f"torch or transformers imported:      {', '.join(sorted(heavy)) or 'no'}")
-    return 0 if help_s < HELP_LIMIT_S and tokens_s < TOKENS_LIMIT_S and not heavy else 1
+    fast = help_s < HELP_LIMIT_S and tokens_s < TOKENS_LIMIT_S and large_s < LARGE_LIMIT_S
+    return 0 if fast and not heavy else 1
 
 
 if __name__ == "__main__":

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,9 @@ from morphkit.errors import AssetError
 
 MAX_STL_FACES = 200_000
 """MuJoCo refuses STL files with more."""
+
+MAX_MESH_BYTES = 512 * 2**20
+"""Of a mesh file, unpacked; those of real robots have some megabytes."""
 
 _HEAD, _FACE = 84, 50  # bytes in a binary STL
 
@@ -25,6 +30,7 @@ def read_for_mujoco(path: Path) -> tuple[str, bytes]:
         AssetError: Neither MuJoCo nor trimesh can read it.
         OSError: It cannot be read at all.
     """
+    _check_size(path)
     suffix = path.suffix.lower()
     content = path.read_bytes()
     if suffix in (".obj", ".msh") or (suffix == ".stl" and _is_plain_stl(content)):
@@ -33,6 +39,17 @@ def read_for_mujoco(path: Path) -> tuple[str, bytes]:
     kind = "stl" if len(mesh.faces) <= MAX_STL_FACES else "obj"
     converted = mesh.export(file_type=kind)
     return f"{path.stem}.{kind}", converted.encode() if isinstance(converted, str) else bytes(converted)
+
+
+def _check_size(path: Path) -> None:
+    """AssetError for a mesh that is too large, or that would be once unpacked."""
+    size = path.stat().st_size
+    if zipfile.is_zipfile(path):
+        with contextlib.suppress(zipfile.BadZipFile), zipfile.ZipFile(path) as archive:
+            size = max(size, sum(entry.file_size for entry in archive.infolist()))
+    if size > MAX_MESH_BYTES:
+        limit = MAX_MESH_BYTES // 2**20
+        raise AssetError(f"{path}: {size / 2**20:.0f} MiB of mesh, more than the limit of {limit} MiB")
 
 
 def _is_plain_stl(content: bytes) -> bool:
@@ -54,6 +71,7 @@ def load_mesh(path: Path) -> Any:
     """
     import trimesh
 
+    _check_size(path)
     collada = path.suffix.lower() == ".dae"
     try:
         if path.suffix.lower() == ".msh":

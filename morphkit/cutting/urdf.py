@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import copy
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from morphkit.cutting.frames import Pose, identity, urdf_pose, write_urdf
@@ -50,12 +51,36 @@ def cut(root: Any, plan: Plan) -> list[Loss]:
         if joint.get("type") != "fixed":
             lost.append(Loss("joint", name, limb, f"part of {limb}"))
     moved = list(_splice(root, plan, joint_of))
+    lost += _keep_materials(root, plan.gone)
     for element in [*root.iterfind("link"), *root.iterfind("joint")]:
         kind = str(element.tag)
         if (kind, element.get("name", "")) in removed and not any(element is joint for joint in moved):
             detach(element)
     lost += prune_references(root, removed)
     return lost
+
+
+def _keep_materials(root: Any, gone: Mapping[str, str]) -> Iterator[Loss]:
+    """Copy the materials that only links to be removed define, and others name, to where they are named next."""
+    defined: dict[str, tuple[str, Any]] = {}
+    named: dict[str, Any] = {}
+    known = {material.get("name") for material in root.iterfind("material") if len(material)}
+    for link in root.iterfind("link"):
+        limb = gone.get(link.get("name", ""))
+        for material in link.iterfind("visual/material"):
+            name = material.get("name", "")
+            if limb is not None and len(material):
+                defined.setdefault(name, (limb, material))
+            elif limb is None and len(material):
+                known.add(name)
+            elif limb is None:
+                named.setdefault(name, material)
+    for name, material in named.items():
+        if name in defined and name not in known:
+            limb, definition = defined[name]
+            material.extend(copy.deepcopy(part) for part in definition)
+            material.text = definition.text
+            yield Loss("material", name, limb, "defined in a link that went; the definition was copied to the next use")
 
 
 def _splice(root: Any, plan: Plan, joint_of: dict[str, Any]) -> Iterator[Any]:

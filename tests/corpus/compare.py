@@ -21,6 +21,8 @@ balanced."""
 
 TOLERANCE = 1e-9
 _STAND_IN = b"v 0 0 0\nv .02 0 0\nv 0 .02 0\nv 0 0 .02\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+_SKIPPED = ("_", "name", "nname", "path", "npath", "signature", "nbuffer")
+_ORDERED = ("mesh_", "nmesh", "bvh_", "geom_dataid")
 _NAMES = ("body", "joint", "geom", "site", "camera", "light", "tendon", "actuator", "sensor", "equality", "key", "pair")
 
 
@@ -32,6 +34,12 @@ def spec_of(description: Description, form: Form) -> mujoco.MjSpec:
         spec, _ = load_spec(description)
     for skin in list(spec.skins):
         spec.delete(skin)
+    for body in spec.bodies:
+        full = body.fullinertia
+        if not np.isnan(full).any():
+            xx, yy, zz, xy, xz, yz = full
+            if np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[0] <= 0:
+                body.fullinertia, body.inertia = np.full(6, np.nan), [1e-3] * 3
     spec.compiler.balanceinertia = True
     spec.compiler.boundmass, spec.compiler.boundinertia = 1e-3, 1e-6
     return spec
@@ -48,19 +56,49 @@ def without_body(description: Description, body: str, form: Form) -> mujoco.MjMo
     return spec.compile()
 
 
-def differences(first: mujoco.MjModel, second: mujoco.MjModel) -> list[str]:
-    """What two models differ in: names of arrays, sizes, options and lists of names."""
+def differences(first: mujoco.MjModel, second: mujoco.MjModel, *, by_geom: bool) -> list[str]:
+    """What two models differ in: names of arrays, sizes, options and lists of names.
+
+    Args:
+        first: A model.
+        second: The other.
+        by_geom: Whether meshes are compared geom by geom. MuJoCo's URDF importer orders meshes, and names geoms, by
+            their first use, which may have been cut.
+    """
     found = []
     for name in dir(first):
-        if name.startswith(("_", "name", "nname", "path", "npath", "signature")) or name.endswith("pathadr"):
+        if name.startswith(_SKIPPED) or name.endswith("pathadr") or (by_geom and name.startswith(_ORDERED)):
             continue
         one, other = getattr(first, name), getattr(second, name)
         if isinstance(one, np.ndarray):
-            if one.shape != other.shape or not np.allclose(one, other, rtol=TOLERANCE, atol=TOLERANCE, equal_nan=True):
+            if not _equal(one, other):
                 found.append(name)
         elif isinstance(one, int | float | bytes) and one != other:
             found.append(name)
-    return found + [f"names of {kind}" for kind in _NAMES if _names(first, kind) != _names(second, kind)]
+    kinds = [kind for kind in _NAMES if not (by_geom and kind == "geom")]
+    found += [f"names of {kind}" for kind in kinds if _names(first, kind) != _names(second, kind)]
+    if by_geom and not found:
+        found += [f"mesh of geom {geom}" for geom in range(first.ngeom) if not _same_mesh(first, second, geom)]
+    return found
+
+
+def _equal(one: np.ndarray, other: np.ndarray) -> bool:
+    return one.shape == other.shape and np.allclose(one, other, rtol=TOLERANCE, atol=TOLERANCE, equal_nan=True)
+
+
+def _same_mesh(first: mujoco.MjModel, second: mujoco.MjModel, geom: int) -> bool:
+    """Whether a geom has the same mesh in both models: its corners, triangles and frame."""
+    pair = []
+    for model in (first, second):
+        mesh = int(model.geom_dataid[geom])
+        if mesh < 0 or model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
+            pair.append([])
+            continue
+        corner, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
+        corners = model.mesh_vert[corner : corner + model.mesh_vertnum[mesh]]
+        faces = model.mesh_face[face : face + model.mesh_facenum[mesh]]
+        pair.append([corners, faces, model.mesh_pos[mesh], model.mesh_quat[mesh]])
+    return len(pair[0]) == len(pair[1]) and all(_equal(*both) for both in zip(*pair, strict=True))
 
 
 def _names(model: mujoco.MjModel, kind: str) -> list[str]:

@@ -19,9 +19,10 @@ text of the file outside the removed parts must be unchanged.
 Files that hold several robots are run once a root (six at most), and once without `--root`, which is an error. Paths
 that leave a file's folder are allowed within its collection, as with `--package`.
 
-*with meshes*: all meshes found and converted to what MuJoCo reads (for 15 s a robot; limbs beyond that are compared
+*with meshes*: all meshes found and converted to what MuJoCo reads (for 5 s a robot; limbs beyond that are compared
 without). *mesh-free*: every mesh replaced by a small tetrahedron in both models, masses bounded and inertias balanced,
-so that robots compile whose meshes are missing or whose inertias are impossible.
+so that robots compile whose meshes are missing or whose inertias are impossible. Of a URDF, meshes are compared geom by
+geom: MuJoCo's importer orders them by their first use.
 """
 
 

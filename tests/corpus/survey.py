@@ -22,7 +22,7 @@ from morphkit.tokens import tokens
 
 from .compare import Form, differences, foreign_lines, forms, spec_of, without_body
 
-SECONDS_WITH_MESHES = 15.0
+SECONDS_WITH_MESHES = 5.0
 _ROOTS = re.compile(r"top-level \w+ elements, expected one: (.*)\. Say which")
 
 
@@ -90,7 +90,8 @@ def _cut_each(description: Description, outcome: Outcome) -> None:
             except Exception as error:
                 outcome.uncompared[limb.name] = f"MjSpec.delete: {' '.join(str(error).split())[:200]}"
                 continue
-            found = differences(spec_of(variant.description, form).compile(), expected)
+            by_geom = description.format == "urdf"
+            found = differences(spec_of(variant.description, form).compile(), expected, by_geom=by_geom)
             if found:
                 outcome.different[f"{limb.name} ({form})"] = ", ".join(found[:8])
             outcome.compared[form] = outcome.compared.get(form, 0) + 1

@@ -115,3 +115,20 @@ def test_splice_of_a_urdf_keeps_orientation_and_puts_origins_where_the_limbs_was
 def test_a_urdf_has_no_root_height():
     with pytest.raises(AblationError, match="does not say where its root link is"):
         set_root_height(load("quadruped"), 0.5)
+
+
+def test_a_material_that_only_a_removed_link_defines_stays_with_those_that_name_it() -> None:
+    visual = '<visual><geometry><sphere radius="1"/></geometry><material name="red">{}</material></visual>'
+    color = '<color rgba="1 0 0 1"/>'
+    links = [f'<link name="a"/><link name="b">{visual.format(color)}</link>']
+    links += [f'<link name="{name}">{visual.format("")}</link>' for name in ("c", "d")]
+    joints = "".join(
+        f'<joint name="j{child}" type="continuous"><parent link="a"/><child link="{child}"/></joint>' for child in "bcd"
+    )
+    source = f'<robot name="r">{"".join(links)}{joints}</robot>'.encode()
+    variant = ablate(Description("r", "r.urdf", "urdf", source), remove=["b"])
+    text = variant.description.source.decode()
+    assert text.count(color) == 1
+    assert text.index('name="c"') < text.index(color) < text.index('name="d"')
+    assert ("material", "red", "b") in {(loss.kind, loss.name, loss.limb) for loss in variant.lost}
+    assert color not in ablate(variant.description, remove=["c", "d"]).description.source.decode()
