@@ -47,7 +47,7 @@ class Normalizer:
         return np.array([row.get(name, -1) for name in names], dtype=np.int64)
 
     def update(self, obs: np.ndarray, index: np.ndarray) -> None:
-        """Add observations (batch, tokens), bounded by `LARGEST`, of the rows of statistics `index`, none of them -1."""
+        """Add observations (batch, tokens), bounded by `LARGEST`, of the statistics `index`, none of them -1."""
         size = len(self.keys)
         obs = obs.astype(np.float64).clip(-LARGEST, LARGEST)
         count = np.bincount(index, minlength=size) * float(len(obs))
