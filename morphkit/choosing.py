@@ -24,17 +24,22 @@ class Wish:
     keep: tuple[str, ...]
 
 
-def select(morphology: Morphology, patterns: Iterable[str]) -> tuple[str, ...]:
+def select(morphology: Morphology, patterns: Iterable[str], *, root: bool = False) -> tuple[str, ...]:
     """The limbs and fixed bodies that any of `patterns` matches, in the order asked for, each once.
+
+    Args:
+        morphology: The robot.
+        patterns: Names, globs or limb types.
+        root: Whether the root may be one of them.
 
     Raises:
         UnknownNameError: A pattern matches nothing; the message lists the limbs and the nearest name.
-        AblationError: A pattern matches the root.
+        AblationError: A pattern matches the root, and may not.
     """
     names: dict[str, None] = {}
     for pattern in patterns:
         for name in match_limbs(morphology, pattern):
-            if name == morphology.root.name:
+            if name == morphology.root.name and not root:
                 cuttable = ", ".join(limb.name for limb in morphology.limbs[1:]) or "none"
                 raise AblationError(
                     f"{morphology.file}: {pattern!r} matches {name!r}, the root of {morphology.name!r}, which cannot be"
@@ -68,7 +73,7 @@ def choose(
     file = morphology.file
     chosen = {}
     for verb, patterns in (("removed", remove), ("spliced", splice), ("kept", keep)):
-        names = select(morphology, patterns)
+        names = select(morphology, patterns, root=verb == "kept")
         chosen[verb] = names if image is None else with_counterparts(names, image, file)
     for one, other in (("removed", "spliced"), ("kept", "removed"), ("kept", "spliced")):
         both = sorted(set(chosen[one]) & set(chosen[other]))
@@ -121,7 +126,7 @@ def _words(patterns: Sequence[str], morphology: Morphology) -> list[str]:
         if UNSAFE.search(pattern) is None:
             words[pattern] = None
             continue
-        matched = select(morphology, [pattern])
+        matched = select(morphology, [pattern], root=True)
         below = {
             name
             for limb in morphology.limbs

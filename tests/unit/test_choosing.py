@@ -30,6 +30,13 @@ def test_keep_combines_with_the_others():
     assert b'<link name="FL_foot">' in quadruped.description.source
 
 
+def test_the_root_can_be_kept():
+    assert ablate(load("cheetah"), keep=["torso"]).limbs == ("torso",)
+    everything = ablate(load("cheetah"), keep=["*"])
+    assert everything.removed == ()
+    assert everything.description.source == load("cheetah").source
+
+
 def test_repeated_and_combined_cuts_are_one_variant():
     variant = ablate(load("cheetah"), remove=["bfoot", "ffoot", "bshin"], splice=["fshin", "fthigh"])
     assert variant.removed == ("bshin", "bfoot", "ffoot")
@@ -43,7 +50,6 @@ def test_repeated_and_combined_cuts_are_one_variant():
         ({"keep": ["bfoot"], "remove": ["bfoot"]}, "bfoot cannot be both kept and removed"),
         ({"keep": ["bfoot"], "splice": ["bfoot"]}, "bfoot cannot be both kept and spliced"),
         ({"keep": ["bfoot"], "remove": ["bthigh"]}, "bthigh cannot be removed, because limbs to keep hang on it"),
-        ({"keep": ["torso"]}, "'torso' matches 'torso', the root"),
     ],
 )
 def test_wishes_that_contradict_each_other(wish, message):
