@@ -47,8 +47,8 @@ def run(
     """Do tasks in `jobs` processes and yield each with its result, in the order of `tasks` whatever `jobs` is.
 
     Tasks are taken lazily, a few ahead of the results, so that memory stays flat. What the processes print is
-    swallowed. On Linux processes are forked, unless the caller has threads. Elsewhere they start afresh: `setup` must be
-    picklable, and a script that calls this needs its `if __name__ == "__main__":`.
+    swallowed. On Linux processes are forked, unless the caller has threads. Elsewhere they start afresh: `setup` must
+    be picklable, and a script that calls this needs its `if __name__ == "__main__":`.
 
     Args:
         setup: Called once a process; returns what does a task. Tasks and results must be picklable.
