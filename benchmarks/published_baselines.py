@@ -1,7 +1,8 @@
 """The published methods written plainly, in float32: yardsticks for speed, and what tests compare outputs with.
 
-`nn.Transformer` on concatenated embedding and frequency code, `nn.TransformerEncoder` over limbs, and recursion from
-limb to limb. Parameters have the names of the published programs.
+`nn.Transformer` on concatenated embedding and frequency code and `nn.TransformerEncoder` over limbs, both with PyTorch's
+defaults, tokens first, as in the published programs; recursion from limb to limb. Parameters have the names of the
+published programs.
 """
 
 from __future__ import annotations
@@ -25,19 +26,16 @@ class TokenTransformer(nn.Module):
         self.act_z_input_layer = nn.Linear(size, d_model)
         self.act_output_layer = nn.Linear(size + d_model, 1)
         self.obs_norm, self.act_norm = nn.LayerNorm(d_model), nn.LayerNorm(d_model)
-        self.transformer = nn.Transformer(
-            d_model, heads, layers, layers, feedforward, dropout=0.0, activation="relu", batch_first=True
-        )
+        self.transformer = nn.Transformer(d_model, heads, layers, layers, feedforward, dropout=0.0)
 
     def forward(self, sensors: Tensor, actions: Tensor, obs: Tensor) -> Tensor:
-        batch = len(obs)
-        sensors, actions = sensors.expand(batch, -1, -1), actions.expand(batch, -1, -1)
+        sensors, actions = (table[:, None].expand(-1, len(obs), -1) for table in (sensors, actions))
         i = torch.arange(0, self.code, 2, device=obs.device)
-        angles = (1000 * obs)[..., None] * torch.exp(i * (-math.log(10000.0) / self.code))
+        angles = (1000 * obs.T)[..., None] * torch.exp(i * (-math.log(10000.0) / self.code))
         code = 2 / math.sqrt(2) * torch.cat([angles.sin(), angles.cos()], -1)
         x = self.obs_norm(self.obs_z_input_layer(torch.cat([sensors, code], -1)))
         y = self.transformer(x, self.act_norm(self.act_z_input_layer(actions)))
-        return self.act_output_layer(torch.cat([actions, y], -1))[..., 0]
+        return self.act_output_layer(torch.cat([actions, y], -1))[..., 0].T
 
 
 class TokenActor(nn.Module):
@@ -63,14 +61,17 @@ class LimbTransformer(nn.Module):
     def __init__(self, inputs: int, d_model: int, heads: int, feedforward: int, layers: int, conditioned: bool):
         super().__init__()
         self.conditioned = conditioned
-        layer = nn.TransformerEncoderLayer(d_model, heads, feedforward, dropout=0.0, batch_first=True)
+        layer = nn.TransformerEncoderLayer(d_model, heads, feedforward, dropout=0.0)
         self.encoder = nn.Linear(inputs, d_model)
-        self.transformer_encoder = nn.TransformerEncoder(layer, layers, nn.LayerNorm(d_model))
+        self.transformer_encoder = nn.TransformerEncoder(
+            layer, layers, nn.LayerNorm(d_model), enable_nested_tensor=False
+        )
         self.decoder = nn.Linear(d_model + inputs * conditioned, 1)
 
     def forward(self, limbs: Tensor) -> Tensor:
+        limbs = limbs.transpose(0, 1)
         z = self.transformer_encoder(self.encoder(limbs) * math.sqrt(self.encoder.out_features))
-        return self.decoder(torch.cat([z, limbs], -1) if self.conditioned else z)[..., 0]
+        return self.decoder(torch.cat([z, limbs], -1) if self.conditioned else z)[..., 0].T
 
 
 class LimbActor(nn.Module):

@@ -37,7 +37,7 @@ class Norm(nn.Module):
 
 
 class FeedForward(nn.Module):
-    """Two affine maps with a relu between them."""
+    """x + W2 relu(W1 x + b1) + b2."""
 
     def __init__(self, members: int, d_model: int, feedforward: int):
         super().__init__()
@@ -47,11 +47,11 @@ class FeedForward(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """Map every token by itself."""
         rows = x.reshape(len(x), -1, x.shape[-1])
-        return self.contract(F.relu(self.expand(rows))).view(x.shape)
+        return self.contract(torch.relu_(self.expand(rows))).add_(rows).view(x.shape)
 
 
 class SelfAttention(nn.Module):
-    """Multi-head attention among the tokens of each robot: softmax(q k^T / sqrt(d_head)) v."""
+    """x + multi-head attention among the tokens of each robot: softmax(q k^T / sqrt(d_head)) v."""
 
     def __init__(self, members: int, d_model: int, heads: int):
         super().__init__()
@@ -68,11 +68,12 @@ class SelfAttention(nn.Module):
         rows = (members, batch * tokens, width)
         assert self.qkv.bias is not None
         weight, bias = (first(p, members) * self.scale for p in (self.qkv.weight, self.qkv.bias))
-        qkv = affine(x.reshape(rows), weight, bias).view(members, batch, tokens, 3, self.heads, width // self.heads)
+        own = x.reshape(rows)
+        qkv = affine(own, weight, bias).view(members, batch, tokens, 3, self.heads, width // self.heads)
         q, k, v = qkv.permute(3, 0, 1, 4, 2, 5)
         parts = [attend(q[..., s, :], k[..., s, :], v[..., s, :]) for s in spans]
         mixed = parts[0] if len(parts) == 1 else torch.cat(parts, -2)
-        return self.out(mixed.transpose(2, 3).reshape(rows)).view(x.shape)
+        return self.out(mixed.transpose(2, 3).reshape(rows)).add_(own).view(x.shape)
 
 
 def attend(q: Tensor, k: Tensor, v: Tensor) -> Tensor:
@@ -88,7 +89,7 @@ def attend(q: Tensor, k: Tensor, v: Tensor) -> Tensor:
 
 
 class CrossAttention(nn.Module):
-    """Few queries attend to many memory tokens, whose keys and values are never formed.
+    """x + attention of few queries x to many memory tokens, whose keys and values are never formed.
 
     Queries are carried to the memory's space instead: q . (W_k m) = (W_k^T q) . m, and sum_j p_j (W_v m_j) =
     W_v sum_j p_j m_j. A bias of the keys would add the same to all logits of a query, which softmax ignores.
@@ -122,11 +123,11 @@ class CrossAttention(nn.Module):
         read = torch.cat(parts, 2).transpose(0, 1).reshape(heads, batch * queries, width)
         assert self.value.bias is not None
         mixed = torch.bmm(read, value).transpose(0, 1).reshape(1, -1, width) + self.value.bias.to(x.dtype)
-        return self.out(mixed).view(1, batch, queries, width)
+        return x + self.out(mixed).view(1, batch, queries, width)
 
 
 class EncoderLayer(nn.Module):
-    """x = norm(x + attention(x)); x = norm(x + feedforward(x))."""
+    """x = norm(attention(x)); x = norm(feedforward(x)), each with its residual."""
 
     def __init__(self, members: int, d_model: int, heads: int, feedforward: int):
         super().__init__()
@@ -136,8 +137,8 @@ class EncoderLayer(nn.Module):
 
     def forward(self, x: Tensor, spans: Spans) -> Tensor:
         """Mix and map the tokens of each robot."""
-        x = self.norm1(x + self.attention(x, spans))
-        return self.norm2(x + self.feedforward(x))
+        x = self.norm1(self.attention(x, spans))
+        return self.norm2(self.feedforward(x))
 
 
 class Encoder(nn.Module):
@@ -156,7 +157,7 @@ class Encoder(nn.Module):
 
 
 class DecoderLayer(nn.Module):
-    """x = norm(x + attention(x)); x = norm(x + cross(x, memory)); x = norm(x + feedforward(x))."""
+    """x = norm(attention(x)); x = norm(cross(x, memory)); x = norm(feedforward(x)), each with its residual."""
 
     def __init__(self, d_model: int, heads: int, feedforward: int):
         super().__init__()
@@ -167,12 +168,12 @@ class DecoderLayer(nn.Module):
 
     def mix(self, x: Tensor, spans: Spans) -> Tensor:
         """First of the three parts, which does not need the memory."""
-        return self.norm1(x + self.attention(x, spans))
+        return self.norm1(self.attention(x, spans))
 
     def forward(self, x: Tensor, memory: Tensor, spans: Spans, memory_spans: Spans) -> Tensor:
         """The other two parts, on what `mix` gave."""
-        x = self.norm2(x + self.cross(x, memory, spans, memory_spans))
-        return self.norm3(x + self.feedforward(x))
+        x = self.norm2(self.cross(x, memory, spans, memory_spans))
+        return self.norm3(self.feedforward(x))
 
 
 class Decoder(nn.Module):
