@@ -1,13 +1,14 @@
 """The published methods written plainly, in float32: yardsticks for speed, and what tests compare outputs with.
 
-`nn.Transformer` on concatenated embedding and frequency code and `nn.TransformerEncoder` over limbs, both with PyTorch's
-defaults, tokens first, as in the published programs; recursion from limb to limb. Parameters have the names of the
-published programs.
+`nn.Transformer` on concatenated embedding and frequency code and `nn.TransformerEncoder` over limbs, both with
+PyTorch's defaults, tokens first, as in the published programs; recursion from limb to limb. Parameters have the names
+of the published programs.
 """
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from copy import deepcopy
 
@@ -26,7 +27,9 @@ class TokenTransformer(nn.Module):
         self.act_z_input_layer = nn.Linear(size, d_model)
         self.act_output_layer = nn.Linear(size + d_model, 1)
         self.obs_norm, self.act_norm = nn.LayerNorm(d_model), nn.LayerNorm(d_model)
-        self.transformer = nn.Transformer(d_model, heads, layers, layers, feedforward, dropout=0.0)
+        with warnings.catch_warnings():  # about nested tensors, which nobody asked for
+            warnings.simplefilter("ignore")
+            self.transformer = nn.Transformer(d_model, heads, layers, layers, feedforward, dropout=0.0)
 
     def forward(self, sensors: Tensor, actions: Tensor, obs: Tensor) -> Tensor:
         sensors, actions = (table[:, None].expand(-1, len(obs), -1) for table in (sensors, actions))

@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import gc
 import json
+import os
 import resource
 import statistics
 import time
@@ -74,7 +75,12 @@ def main() -> None:
     print(f"{torch.get_num_threads()} threads, {options.device}, torch {torch.__version__}")
     for method, rows in results.items():
         for name, figures in rows.items():
-            print(f"{method:<10}{name:<10}" + "  ".join(f"{key} {value:.4g}" for key, value in figures.items()))
+            print(
+                f"{method:<10}{name:<10}"
+                + "  ".join(
+                    f"{key} {value:{'d' if isinstance(value, int) else '.4g'}}" for key, value in figures.items()
+                )
+            )
 
 
 def measure(method: str, precisions: list[str], options: argparse.Namespace) -> dict[str, dict[str, float]]:
@@ -119,6 +125,9 @@ def measure(method: str, precisions: list[str], options: argparse.Namespace) -> 
         ratio = statistics.median(p / o for p, o in zip(times["plain"], times[name], strict=True))
         rows[name] = {"ms": median} if name == "plain" else {"ms": median, "ratio": ratio, **errors[name]}
         rows[name]["memory_mb"] = peak_memory(run)
+    net, _ = learners[precisions[0]]
+    for name in ("actor", "critic"):
+        rows["plain"][f"{name}_parameters"] = sum(p.numel() for p in net.networks()[name].parameters())
     return rows
 
 
@@ -191,7 +200,7 @@ def relative_errors(net: TD3, layout: Layout, b: dict[str, Tensor]) -> dict[str,
         results.append((acts, critic_gradient, actor_gradient))
     names = ("action_error", "critic_gradient_error", "actor_gradient_error")
     return {
-        name: float((ours.double() - exact).norm() / exact.norm())
+        name: float((ours.detach().double() - exact.detach()).norm() / exact.detach().norm())
         for name, ours, exact in zip(names, *results, strict=True)
     }
 
@@ -199,9 +208,16 @@ def relative_errors(net: TD3, layout: Layout, b: dict[str, Tensor]) -> dict[str,
 def peak_memory(update: Callable[[int], object]) -> float:
     """Most megabytes that two updates, one of them with the actor's, held beyond what was there before."""
     held = peak = 0
-    with torch.autograd.profiler.profile(profile_memory=True) as profile:
-        for number in range(2):
-            update(number)
+    loud, quiet = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(quiet, 2)  # the profiler talks
+    try:
+        with torch.autograd.profiler.profile(profile_memory=True) as profile:
+            for number in range(2):
+                update(number)
+    finally:
+        os.dup2(loud, 2)
+        os.close(loud)
+        os.close(quiet)
     for event in profile.kineto_results.events():
         if event.name() == "[memory]":
             held += event.nbytes()
