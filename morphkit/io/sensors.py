@@ -142,8 +142,8 @@ def _readings(spec: mujoco.MjSpec, sensor: Any, kind: str) -> Iterator[Reading]:
     elif kind == "user":
         for number in range(int(sensor.dim)):
             yield Reading(kind, str(number) if sensor.dim > 1 else None, "1", None, low, high)
-    elif (unit := _unit_along(spec, sensor, kind)) is not None:
-        yield Reading(kind, None, unit, None, low, high)
+    elif (along := _unit_along(spec, sensor, kind)) is not None:
+        yield Reading(kind, None, along, None, low, high)
 
 
 def _fields(
@@ -161,8 +161,8 @@ def _fields(
             for axis in components:
                 named = len(chosen) > 1 or kind == "contact"
                 parts = [field if named else "", axis or "", str(slot) if slots > 1 else ""]
-                component = "_".join(part for part in parts if part) or None
-                yield Reading(kind, component, unit, "world" if axis else None, low, high)
+                component = "_".join(part for part in parts if part)
+                yield Reading(kind, component or None, unit, "world" if axis else None, low, high)
 
 
 def _unit_along(spec: mujoco.MjSpec, sensor: Any, kind: str) -> str | None:
