@@ -63,24 +63,21 @@ def main() -> None:
     options = parser.parse_args()
     if options.threads:
         torch.set_num_threads(options.threads)
-    if options.growth:
-        results = {method: growth(method, options.growth) for method in options.methods}
-    else:
-        default = resolve_precision("auto", options.device)
-        precisions = options.precisions or list(dict.fromkeys(["float32", default]))
-        results = {method: measure(method, precisions, options) for method in options.methods}
+    default = resolve_precision("auto", options.device)
+    precisions = options.precisions or list(dict.fromkeys(["float32", default]))
+    results = {}
+    if not options.json:
+        print(f"{torch.get_num_threads()} threads, {options.device}, torch {torch.__version__}", flush=True)
+    for method in options.methods:
+        rows = growth(method, options.growth) if options.growth else measure(method, precisions, options)
+        results[method] = rows
+        for name, figures in rows.items() if not options.json else ():
+            values = "  ".join(
+                f"{key} {value:{'d' if isinstance(value, int) else '.4g'}}" for key, value in figures.items()
+            )
+            print(f"{method:<10}{name:<10}{values}", flush=True)
     if options.json:
         print(json.dumps({"threads": torch.get_num_threads(), "device": options.device, "methods": results}))
-        return
-    print(f"{torch.get_num_threads()} threads, {options.device}, torch {torch.__version__}")
-    for method, rows in results.items():
-        for name, figures in rows.items():
-            print(
-                f"{method:<10}{name:<10}"
-                + "  ".join(
-                    f"{key} {value:{'d' if isinstance(value, int) else '.4g'}}" for key, value in figures.items()
-                )
-            )
 
 
 def measure(method: str, precisions: list[str], options: argparse.Namespace) -> dict[str, dict[str, float]]:
