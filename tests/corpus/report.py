@@ -20,9 +20,10 @@ Outcome = dict[str, Any]
 HEAD = """# Robots of other people
 
 Written by `make corpus` (or joined from several of its runs by `python -m tests.corpus.report`), which runs every URDF,
-xacro and MJCF file of the packages below through `morphkit tokens`, and cuts every limb of every robot. A file gives tokens or a precise error; anything else is a failure. A cut is
-compared with `MjSpec.delete`: all arrays of the two compiled models within 1e-9, and the names of their elements. The
-text of the file outside the removed parts must be unchanged.
+xacro and MJCF file of the packages below through `morphkit tokens`, and cuts every limb of every robot. A file gives
+tokens or a precise error; anything else is a failure. A cut is compared with `MjSpec.delete`: all arrays of the two
+compiled models within 1e-9, and the names of their elements. The text of the file outside the removed parts must be
+unchanged.
 
 Files that hold several robots are run once a root (six at most), and once without `--root`, which is an error. Paths
 that leave a file's folder are allowed within its collection, as with `--package`.
