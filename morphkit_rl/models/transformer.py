@@ -18,6 +18,11 @@ from morphkit_rl.models.blocks import MemberLinear, affine, first
 Spans = Sequence[slice]
 
 
+def on_cpu(x: Tensor) -> bool:
+    """Whether to take the way that is quicker on CPUs; the other one runs anywhere."""
+    return x.device.type == "cpu"
+
+
 class Norm(nn.Module):
     """Layer norm with a scale and shift a member."""
 
@@ -29,11 +34,14 @@ class Norm(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """Normalise the last axis; scale and shift stay float32 whatever `x` is."""
         width = x.shape[-1:]
-        if len(x) == 1 and x.device.type == "cpu":
-            return F.layer_norm(x, width, self.weight[0], self.bias[0])
+        weight, bias = (first(parameter, len(x)) for parameter in (self.weight, self.bias))
+        if on_cpu(x):  # whose kernel takes float32 parameters beside a bfloat16 input
+            if len(x) == 1:
+                return F.layer_norm(x, width, weight[0], bias[0])
+            members = zip(x.unbind(), weight.unbind(), bias.unbind(), strict=True)
+            return torch.stack([F.layer_norm(own, width, w, b) for own, w, b in members])
         shape = (len(x), *[1] * (x.dim() - 2), *width)
-        weight, bias = (first(p, len(x)).view(shape) for p in (self.weight, self.bias))
-        return torch.addcmul(bias, F.layer_norm(x, width), weight).to(x.dtype)
+        return torch.addcmul(bias.view(shape), F.layer_norm(x, width), weight.view(shape)).to(x.dtype)
 
 
 class FeedForward(nn.Module):
@@ -81,7 +89,7 @@ def attend(q: Tensor, k: Tensor, v: Tensor) -> Tensor:
 
     Written out in low precision on CPUs, where PyTorch's fused kernel takes several times as long.
     """
-    if q.device.type == "cpu" and q.dtype == torch.bfloat16:
+    if on_cpu(q) and q.dtype == torch.bfloat16:
         return torch.matmul(torch.softmax(torch.matmul(q, k.transpose(-1, -2)), -1), v)
     shape = q.shape
     q, k, v = (x.flatten(0, 1) for x in (q, k, v))

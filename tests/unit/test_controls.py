@@ -11,7 +11,9 @@ import torch
 from test_methods import SIZE, SMALL, batch_of, embed, layout_of, networks, rows
 
 from morphkit.errors import ConfigError
-from morphkit_rl.config import TD3Config
+from morphkit.robots import load
+from morphkit_rl.config import TD3Config, load_config
+from morphkit_rl.evaluation import evaluate
 from morphkit_rl.models import build
 from morphkit_rl.models.layout import build_layout
 from morphkit_rl.models.vocabulary import Vocabulary
@@ -21,6 +23,7 @@ from morphkit_rl.text.embedder import TokenEmbedder
 from morphkit_rl.text.encoder import TextEncoder
 from morphkit_rl.text.source import Pooling
 from morphkit_rl.text.tuning import TunedEncoder, make_tuner
+from morphkit_rl.trainer import resume, train
 
 KNOWN = ["foot ctrl", "foot angle", "leg angle", "torso position x"]
 
@@ -123,3 +126,24 @@ def test_the_encoder_itself_learns(tiny_bert: Path, tmp_path: Path, pooling: Poo
 def test_only_a_true_encoder_can_learn() -> None:
     with pytest.raises(ConfigError, match=r"text\.control"):
         TunedEncoder(KNOWN, TokenEmbedder.fit(Hashed(), KNOWN))
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        "text.control=random",
+        "text.control=shuffled",
+        "text.control=one-hot",
+        "text.tune=residual",
+        "td3.reset_updates=3",
+    ],
+)
+@pytest.mark.parametrize("method", ["limb-former", "ma-bert"])
+def test_options_train_resume_and_load(tmp_path: Path, method: str, setting: str) -> None:
+    tiny = ["d_model=8", "layers=1", "feedforward=8", "code_size=4", f"method={method}"]
+    run = ["trainer.num_envs=2", "trainer.start_steps=4", "td3.batch_size=4", "text.naming=canonical", setting]
+    config = load_config(overrides=[*(f"model.{each}" for each in tiny), *run])
+    assert train([load("hopper_3")], tmp_path / "run", config, steps=8).updates > 3
+    assert resume(tmp_path / "run", steps=12).steps == 12
+    (result,) = evaluate(tmp_path / "run", [load("hopper_4")], episodes=1)
+    assert np.isfinite(result.returns).all()

@@ -130,6 +130,21 @@ def test_low_precision_stays_close(config: ModelConfig) -> None:
         assert 1e-7 < (low - high).norm() / high.norm() < 0.05
 
 
+@pytest.mark.parametrize("precision", [torch.float32, torch.bfloat16])
+def test_the_way_of_accelerators_gives_the_same(
+    config: ModelConfig, precision: torch.dtype, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    actor, critic = networks(config)
+    for network in (actor, critic):
+        set_precision(network, precision)
+    layout = layout_of(config.method, *ROBOTS)
+    obs, action = rows(layout, 16)
+    own = actor(obs, layout), critic(obs, action, layout)
+    monkeypatch.setattr("morphkit_rl.models.transformer.on_cpu", lambda _: False)
+    for other, way in zip((actor(obs, layout), critic(obs, action, layout)), own, strict=True):
+        assert (other - way).norm() / way.norm() < (1e-5 if precision == torch.float32 else 0.03)
+
+
 def learner(config: ModelConfig, layout: Layout, **changes: Any) -> TD3:
     torch.manual_seed(0)
     return TD3(config, TD3Config(**changes), SIZE, vocabulary=Vocabulary.of(layout.specs))
