@@ -14,6 +14,9 @@ from morphkit.tokens import TokenSpec
 
 SELF, PARENT, CHILD, OTHER, FOREIGN = range(5)
 
+GROUP_LIMBS = 96
+"""Limbs of small robots that are attended over together; one long sequence is quicker than many short ones."""
+
 Actions = Literal["actuators", "limbs"]
 
 
@@ -45,6 +48,7 @@ class Layout:
         tokens: One slice a robot into the columns of an observation row.
         actions: One slice a robot into the columns of an action row.
         limbs: One slice a robot into the sequence of limbs.
+        groups: Slices into the sequence of limbs that hold whole robots, as many as fit into `GROUP_LIMBS`.
         actuator_columns: For each robot, the column of each actuator within that robot's slice of an action row.
         texts: All distinct token texts.
         embeddings: (texts, size) their embeddings.
@@ -65,6 +69,7 @@ class Layout:
     tokens: tuple[slice, ...]
     actions: tuple[slice, ...]
     limbs: tuple[slice, ...]
+    groups: tuple[slice, ...]
     actuator_columns: tuple[np.ndarray, ...]
     texts: tuple[str, ...]
     embeddings: Tensor
@@ -159,6 +164,7 @@ def build_layout(
         tokens=tokens,
         actions=columns,
         limbs=limbs,
+        groups=_groups(limbs),
         actuator_columns=tuple(
             spec.actuator_limb if actions == "limbs" else np.arange(len(spec.actuators)) for spec in specs
         ),
@@ -218,6 +224,17 @@ def parent_indices(spec: TokenSpec) -> list[int]:
 def _slices(lengths: Sequence[int]) -> tuple[slice, ...]:
     ends = np.cumsum(lengths).tolist()
     return tuple(slice(end - length, end) for end, length in zip(ends, lengths, strict=True))
+
+
+def _groups(limbs: Sequence[slice]) -> tuple[slice, ...]:
+    """Neighbouring robots together, up to `GROUP_LIMBS` limbs or one robot."""
+    groups = [limbs[0]]
+    for own in limbs[1:]:
+        if own.stop - groups[-1].start <= GROUP_LIMBS:
+            groups[-1] = slice(groups[-1].start, own.stop)
+        else:
+            groups.append(own)
+    return tuple(groups)
 
 
 def _relations(spec: TokenSpec) -> np.ndarray:

@@ -34,12 +34,13 @@ class Names:
     Attributes:
         weights: (limbs, slots, members * d_model) vector that each scalar is multiplied by.
         tokens: (members, limbs, d_model) part of the limb tokens that does not depend on values.
-        attention: (members, 1, heads, limbs, limbs) bias by kinship; -inf between robots.
+        attention: For each group of robots, its limbs and (members, 1, heads, limbs, limbs) bias by kinship; -inf
+            between robots.
     """
 
     weights: Tensor
     tokens: Tensor
-    attention: Tensor
+    attention: tuple[tuple[slice, Tensor], ...]
 
 
 class LimbEncoder(nn.Module):
@@ -73,7 +74,10 @@ class LimbEncoder(nn.Module):
         return Names(
             weights=values.permute(1, 2, 0, 3).reshape(*slots.column.shape, members * d_model),
             tokens=self.name(layout.limb_embeddings.expand(members, -1, -1)),
-            attention=bias[..., layout.relation].unsqueeze(1).to(self.precision),
+            attention=tuple(
+                (group, bias[..., layout.relation[group, group]].unsqueeze(1).to(self.precision))
+                for group in layout.groups
+            ),
         )
 
     def forward(self, row: Tensor, slots: Slots, names: Names) -> Tensor:
@@ -91,9 +95,13 @@ class LimbEncoder(nn.Module):
         values = F.pad(row, (0, 1))[:, slots.column].transpose(0, 1)
         tokens = torch.bmm(values, names.weights).view(limbs, -1, members, d_model).permute(2, 1, 0, 3)
         x = F.layer_norm(tokens + names.tokens.unsqueeze(1), (d_model,)).to(self.precision)
-        for layer in self.layers:
-            x = layer(x, names.attention)
+        x = torch.cat([self._mix(x[:, :, group], bias) for group, bias in names.attention], 2)
         return F.layer_norm(x.float(), (d_model,))
+
+    def _mix(self, x: Tensor, bias: Tensor) -> Tensor:
+        for layer in self.layers:
+            x = layer(x, bias)
+        return x
 
 
 class Actor(nn.Module):

@@ -101,3 +101,16 @@ def test_low_precision_stays_close() -> None:
     actor.encoder.precision = critic.encoder.precision = torch.bfloat16
     assert (actor(obs, layout) - exact_action).norm() / exact_action.norm() < 0.05
     assert (critic(obs, action, layout) - exact_value).norm() / exact_value.norm() < 0.05
+
+
+def test_groups_hold_whole_robots_and_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    actor, critic = networks()
+    specs = [spec(name) for name in ("quadruped", "hopper", "walker", "hopper", "cheetah")]
+    whole = build_layout(specs, embed)
+    monkeypatch.setattr("morphkit_rl.models.layout.GROUP_LIMBS", 12)
+    parts = build_layout(specs, embed)
+    assert [group.indices(37) for group in whole.groups] == [(0, 37, 1)]
+    assert [group.indices(37) for group in parts.groups] == [(0, 13, 1), (13, 25, 1), (25, 37, 1)]
+    obs, action = rows(whole)
+    torch.testing.assert_close(actor(obs, parts), actor(obs, whole), atol=1e-6, rtol=0)
+    torch.testing.assert_close(critic(obs, action, parts), critic(obs, action, whole), atol=1e-5, rtol=0)
