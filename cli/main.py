@@ -119,8 +119,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit code: 0 fine, 1 findings or a failed run, 2 wrong usage or bad input, 130 interrupted.
     """
-    # Threads of PyTorch that wait would otherwise spin, and starve each other where another process wants the cores.
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    # PyTorch's threads would spin for a millisecond while they wait, and starve where other processes want the cores.
+    os.environ.setdefault("GOMP_SPINCOUNT", "1000")
     try:
         # Outside its standalone mode Typer returns the code of an Exit and leaves usage errors to us.
         code = app(args=arguments, standalone_mode=False)
