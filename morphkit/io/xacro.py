@@ -38,7 +38,10 @@ def expand(path: Path, packages: Mapping[str, Path]) -> bytes:
     request = json.dumps([str(path), {name: str(folder) for name, folder in packages.items()}])
     try:
         done = subprocess.run(
-            [sys.executable, "-m", "morphkit.io.xacro", request], capture_output=True, timeout=LIMIT_S, check=False
+            [sys.executable, "-P", "-m", "morphkit.io.xacro", request],  # modules of the working folder stay out
+            capture_output=True,
+            timeout=LIMIT_S,
+            check=False,
         )
     except subprocess.TimeoutExpired:
         raise DescriptionError(f"{path}: expanding it took more than {LIMIT_S} s") from None
