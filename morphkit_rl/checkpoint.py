@@ -53,8 +53,8 @@ def writing(run: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        reason = error.strerror or error
-        raise OutputError(f"{run}: cannot write a checkpoint: {reason}; the last one is whole") from None
+        left = "the last one is whole" if has_checkpoint(run) else "there is none yet"
+        raise OutputError(f"{run}: cannot write a checkpoint: {error.strerror or error}; {left}") from None
 
 
 def save(run: Path, tensors: Mapping[str, Mapping[str, np.ndarray]], state: Mapping[str, Any]) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from morphkit.errors import OutputError
 from morphkit_rl.files import write_text
 
 
@@ -44,10 +45,23 @@ class MetricsLog:
         """Append one row; numbers become TensorBoard scalars, `returns` and `evaluation` some a robot.
 
         A row of the same steps and updates as the one before adds nothing, unless it holds an evaluation.
+
+        Raises:
+            OutputError: The disk is full or the folder cannot be written.
         """
         if _moment(row) == self._last and "evaluation" not in row:
             return
         self._last = _moment(row)
+        try:
+            self._append(row)
+        except OSError as error:
+            raise OutputError(f"{self.path.parent}: cannot write metrics: {error.strerror or error}") from None
+
+    def close(self) -> None:
+        """Close the files."""
+        self.writer.close()
+
+    def _append(self, row: Mapping[str, Any]) -> None:
         with self.path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
         for key, value in row.items():
@@ -60,10 +74,6 @@ class MetricsLog:
             if result["score"] is not None:
                 self.writer.add_scalar(f"score/{robot}", result["score"], row["steps"])
         self.writer.flush()
-
-    def close(self) -> None:
-        """Close the files."""
-        self.writer.close()
 
 
 def _moment(row: Mapping[str, Any]) -> tuple[int, int]:
