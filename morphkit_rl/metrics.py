@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -52,14 +53,20 @@ class MetricsLog:
         if _moment(row) == self._last and "evaluation" not in row:
             return
         self._last = _moment(row)
-        try:
+        with self._named_errors():
             self._append(row)
-        except OSError as error:
-            raise OutputError(f"{self.path.parent}: cannot write metrics: {error.strerror or error}") from None
 
     def close(self) -> None:
-        """Close the files."""
-        self.writer.close()
+        """Close the files; raises as `write`, for what was not written yet."""
+        with self._named_errors():
+            self.writer.close()
+
+    @contextmanager
+    def _named_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise OutputError(f"{self.path.parent}: cannot write metrics: {error.strerror or error}") from None
 
     def _append(self, row: Mapping[str, Any]) -> None:
         with self.path.open("a", encoding="utf-8") as file:
