@@ -130,7 +130,7 @@ def task_for(simulation: Simulation, name: str | None = None) -> Task:
     if simulation.base == "fixed" and task.forward_weight:
         raise ConfigError(
             f"{simulation.name}: task {name!r} rewards moving forward, but the base is fixed; take task 'raise', or "
-            "a planar or free base"
+            "--base planar or free"
         )
     timestep = float(simulation.model.opt.timestep)
     skip = task.frame_skip or max(1, round(task.control_period / timestep))
