@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 from morphkit.cutting.frames import Pose, identity, urdf_pose, write_urdf
 from morphkit.cutting.loss import Loss
 from morphkit.cutting.plan import Plan
-from morphkit.cutting.tidy import detach
+from morphkit.cutting.tidy import detach, lift
 from morphkit.cutting.urdf_references import Removed, prune_references
 
 
@@ -61,26 +60,33 @@ def cut(root: Any, plan: Plan) -> list[Loss]:
 
 
 def _keep_materials(root: Any, gone: Mapping[str, str]) -> Iterator[Loss]:
-    """Copy the materials that only links to be removed define, and others name, to where they are named next."""
-    defined: dict[str, tuple[str, Any]] = {}
-    named: dict[str, Any] = {}
-    known = {material.get("name") for material in root.iterfind("material") if len(material)}
+    """Make materials that links to be removed define for others the robot's own, where those links stood.
+
+    Links share materials by name. Unless the robot has one of that name, the first definition in the file counts: in
+    urdfdom (`assignMaterial`) for every link, in MuJoCo's importer for links that only name it. For both, what is left
+    looks the same after the cut as before.
+    """
+    settled = {material.get("name") for material in root.iterfind("material") if len(material)} | {None, ""}
+    definition: dict[str, tuple[Any, Any]] = {}
+    left: dict[str, Any] = {}
     for link in root.iterfind("link"):
+        for material in link.iter("material"):
+            name = material.get("name")
+            if name in settled:
+                continue
+            if len(material):
+                definition.setdefault(name, (link, material))
+            if link.get("name") not in gone:
+                left.setdefault(name, material)
+    for name, (link, material) in definition.items():
         limb = gone.get(link.get("name", ""))
-        for material in link.iterfind("visual/material"):
-            name = material.get("name", "")
-            if limb is not None and len(material):
-                defined.setdefault(name, (limb, material))
-            elif limb is None and len(material):
-                known.add(name)
-            elif limb is None:
-                named.setdefault(name, material)
-    for name, material in named.items():
-        if name in defined and name not in known:
-            limb, definition = defined[name]
-            material.extend(copy.deepcopy(part) for part in definition)
-            material.text = definition.text
-            yield Loss("material", name, limb, "defined in a link that went; the definition was copied to the next use")
+        if limb is not None and name in left and _parts(left[name]) != _parts(material):
+            lift(material, link)
+            yield Loss("material", name, limb, "defined in a link that went for others too; it is the robot's own now")
+
+
+def _parts(material: Any) -> list[tuple[str, dict[str, str]]]:
+    return [(part.tag, dict(part.attrib)) for part in material.iterchildren("*")]
 
 
 def _splice(root: Any, plan: Plan, joint_of: dict[str, Any]) -> Iterator[Any]:

@@ -117,18 +117,59 @@ def test_a_urdf_has_no_root_height():
         set_root_height(load("quadruped"), 0.5)
 
 
-def test_a_material_that_only_a_removed_link_defines_stays_with_those_that_name_it() -> None:
-    visual = '<visual><geometry><sphere radius="1"/></geometry><material name="red">{}</material></visual>'
-    color = '<color rgba="1 0 0 1"/>'
-    links = [f'<link name="a"/><link name="b">{visual.format(color)}</link>']
-    links += [f'<link name="{name}">{visual.format("")}</link>' for name in ("c", "d")]
-    joints = "".join(
-        f'<joint name="j{child}" type="continuous"><parent link="a"/><child link="{child}"/></joint>' for child in "bcd"
-    )
-    source = f'<robot name="r">{"".join(links)}{joints}</robot>'.encode()
-    variant = ablate(Description("r", "r.urdf", "urdf", source), remove=["b"])
-    text = variant.description.source.decode()
-    assert text.count(color) == 1
-    assert text.index('name="c"') < text.index(color) < text.index('name="d"')
-    assert ("material", "red", "b") in {(loss.kind, loss.name, loss.limb) for loss in variant.lost}
-    assert color not in ablate(variant.description, remove=["c", "d"]).description.source.decode()
+SHARING = """  <link name="{}">
+    <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <visual><geometry><sphere radius="1"/></geometry>
+      <material name="red">{}</material></visual></link>
+"""
+SHARED_JOINT = '  <joint name="j{0}" type="continuous"><parent link="a"/><child link="{0}"/></joint>\n'
+
+
+def sharing(*colors: str | None, top: str = "") -> Description:
+    """A base and links `b`, `c`, `d` of one material's name, each with a colour of its own or none."""
+    color = '\n        <color rgba="{} 0 0 1"/>\n      '
+    named = list(zip("bcd", colors, strict=False))
+    links = [SHARING.format(name, color.format(red) if red else "") for name, red in named]
+    joints = "".join(SHARED_JOINT.format(name) for name, _ in named)
+    source = f'<robot name="r">\n{top}  <link name="a"/>\n{"".join(links)}{joints}</robot>\n'
+    return Description("r", "r.urdf", "urdf", source.encode())
+
+
+def reds(spec: mujoco.MjSpec) -> dict[str, float]:
+    model = spec.compile()
+    bodies = [model.body(body).name for body in model.geom_bodyid]
+    return dict(zip(bodies, model.geom_rgba[:, 0].astype(float).round(6).tolist(), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("colors", "kept"),
+    [
+        ((".1", None, None), True),
+        ((".1", None, ".2"), True),  # `c` would get the colour of `d`
+        ((".1", ".2", None), True),  # `d` too
+        ((".1", ".1", None), False),
+        ((".1", ".1", ".2"), False),
+        ((None, ".1", None), False),
+    ],
+)
+def test_what_shares_a_material_with_a_removed_link_keeps_its_colour(plain_spec, colors, kept):
+    robot = sharing(*colors)
+    variant = ablate(robot, remove=["b"])
+    before = reds(plain_spec(robot))
+    del before["b"]
+    assert reds(plain_spec(variant.description)) == before
+    assert [(loss.name, loss.limb) for loss in variant.lost if loss.kind == "material"] == [("red", "b")] * kept
+    # The definition stands where the link stood, and nothing else is new.
+    lines, old = variant.description.source.decode().split("\n"), iter(robot.source.decode().split("\n"))
+    own = ['  <material name="red">', '    <color rgba=".1 0 0 1"/>', "  </material>"] if kept else []
+    assert lines[2 : 2 + len(own)] == own
+    assert all(line in old for line in [*lines[:2], *lines[2 + len(own) :]])
+    assert b"color" not in ablate(variant.description, remove=["c", "d"], drop_assets=True).description.source
+
+
+def test_a_material_of_the_robot_itself_needs_no_link(plain_spec):
+    robot = sharing(".1", None, top='  <material name="red"><color rgba=".9 0 0 1"/></material>\n')
+    variant = ablate(robot, remove=["b"])
+    assert reds(plain_spec(robot))["c"] == reds(plain_spec(variant.description))["c"] == 0.9
+    assert variant.description.source.count(b"<material") == robot.source.count(b"<material") - 1
+    assert not [loss for loss in variant.lost if loss.kind == "material"]
