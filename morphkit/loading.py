@@ -80,6 +80,8 @@ def _prepare_urdf(robot: Any) -> dict[str, str]:
     compiler.attrib.pop("meshdir", None)
     for key, value in {"fusestatic": "false", "discardvisual": "false", "strippath": "false"}.items():
         compiler.set(key, value)
+    for place, material in enumerate(robot.findall("material")):
+        robot.insert(place, material)  # the robot's own count before those of links; MuJoCo takes the first of a name
     names: dict[str, str] = {}
     for mesh in robot.iter("mesh"):
         reference = mesh.get("filename", "")

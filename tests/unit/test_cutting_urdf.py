@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ import pytest
 from morphkit.ablation import Loss, ablate, set_root_height
 from morphkit.description import Description
 from morphkit.errors import AblationError
+from morphkit.loading import load_spec
 from morphkit.robots import load
 
 LEG = b"""<robot name="leg" xmlns:drake="http://drake.mit.edu">
@@ -125,13 +128,13 @@ SHARING = """  <link name="{}">
 SHARED_JOINT = '  <joint name="j{0}" type="continuous"><parent link="a"/><child link="{0}"/></joint>\n'
 
 
-def sharing(*colors: str | None, top: str = "") -> Description:
+def sharing(*colors: str | None) -> Description:
     """A base and links `b`, `c`, `d` of one material's name, each with a colour of its own or none."""
     color = '\n        <color rgba="{} 0 0 1"/>\n      '
     named = list(zip("bcd", colors, strict=False))
     links = [SHARING.format(name, color.format(red) if red else "") for name, red in named]
     joints = "".join(SHARED_JOINT.format(name) for name, _ in named)
-    source = f'<robot name="r">\n{top}  <link name="a"/>\n{"".join(links)}{joints}</robot>\n'
+    source = f'<robot name="r">\n  <link name="a"/>\n{"".join(links)}{joints}</robot>\n'
     return Description("r", "r.urdf", "urdf", source.encode())
 
 
@@ -167,9 +170,16 @@ def test_what_shares_a_material_with_a_removed_link_keeps_its_colour(plain_spec,
     assert b"color" not in ablate(variant.description, remove=["c", "d"], drop_assets=True).description.source
 
 
-def test_a_material_of_the_robot_itself_needs_no_link(plain_spec):
-    robot = sharing(".1", None, top='  <material name="red"><color rgba=".9 0 0 1"/></material>\n')
-    variant = ablate(robot, remove=["b"])
-    assert reds(plain_spec(robot))["c"] == reds(plain_spec(variant.description))["c"] == 0.9
-    assert variant.description.source.count(b"<material") == robot.source.count(b"<material") - 1
-    assert not [loss for loss in variant.lost if loss.kind == "material"]
+def test_a_material_of_the_robot_itself_counts_wherever_it_stands():
+    own = b'  <material name="red"><color rgba=".9 0 0 1"/></material>\n'
+    links = sharing(".1", None)
+    for source in (
+        links.source.replace(b'  <link name="a"/>', own + b'  <link name="a"/>'),
+        links.source.replace(b"</robot>", own + b"</robot>"),
+    ):
+        robot = replace(links, source=source)
+        variant = ablate(robot, remove=["b"])
+        assert reds(load_spec(robot)[0]) == {"b": 0.1, "c": 0.9}
+        assert reds(load_spec(variant.description)[0]) == {"c": 0.9}
+        assert variant.description.source.count(b"<material") == source.count(b"<material") - 1
+        assert not [loss for loss in variant.lost if loss.kind == "material"]
