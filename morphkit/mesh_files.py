@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
+import re
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,9 @@ MAX_MESH_BYTES = 512 * 2**20
 """Of a mesh file, unpacked; those of real robots have some megabytes."""
 
 _HEAD, _FACE = 84, 50  # bytes in a binary STL
+_COLLADA = (".dae", ".zae")
+_UP_AXIS = re.compile(rb"<(?:\w+:)?up_axis>\s*([XYZ])_UP")
+_ASSET_BYTES = 2**16  # COLLADA's <asset> comes first in the file.
 
 
 def read_for_mujoco(path: Path) -> tuple[str, bytes]:
@@ -61,7 +66,8 @@ def _is_plain_stl(content: bytes) -> bool:
 def load_mesh(path: Path) -> Any:
     """Read a mesh file, all its parts joined, in metres where the file states its unit.
 
-    COLLADA states one; its up axis is not applied, as in ROS.
+    COLLADA states one. Its up axis is not applied: RViz, Gazebo and MoveIt take coordinates as they stand, so that
+    URDFs are written for that, whatever axis their meshes state. Nor is glTF turned, whose up axis is y by definition.
 
     Returns:
         A `trimesh.Trimesh` with at least one face.
@@ -72,12 +78,12 @@ def load_mesh(path: Path) -> Any:
     import trimesh
 
     _check_size(path)
-    collada = path.suffix.lower() == ".dae"
+    collada = path.suffix.lower() in _COLLADA
     try:
         if path.suffix.lower() == ".msh":
             return trimesh.Trimesh(*_read_msh(path.read_bytes()), process=False)
         mesh = trimesh.load(path, force="mesh", skip_materials=True)
-        if collada and len(mesh.faces) == 0:
+        if path.suffix.lower() == ".dae" and len(mesh.faces) == 0:
             mesh = trimesh.load(io.BytesIO(_without_materials(path)), file_type="dae", force="mesh")
     except Exception as error:  # trimesh raises whatever the reader of the format raises
         reason = " ".join(str(error).split()) or type(error).__name__
@@ -85,9 +91,20 @@ def load_mesh(path: Path) -> Any:
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
         raise AssetError(f"{path}: holds no triangles")
     factor = _metres(mesh.units) if collada else 1.0
+    if not 0 < factor < math.inf:
+        raise AssetError(f"{path}: states a unit of {factor:g} m")
     if factor != 1.0:
         mesh.apply_scale(factor)
     return mesh
+
+
+def up_axis(path: Path) -> str | None:
+    """The axis that a COLLADA file states as up: `X`, `Y` or `Z`; None for one that states none and for other files."""
+    if path.suffix.lower() != ".dae":
+        return None
+    with path.open("rb") as file:
+        found = _UP_AXIS.search(file.read(_ASSET_BYTES))
+    return found[1].decode() if found is not None else None
 
 
 def _read_msh(content: bytes) -> tuple[np.ndarray, np.ndarray]:
@@ -124,5 +141,5 @@ def _metres(units: str | None) -> float:
 
     try:
         return float(unit_conversion(units, "meters")) if units else 1.0
-    except KeyError:
+    except (KeyError, ValueError):
         return 1.0

@@ -50,17 +50,20 @@ class MeshFacts:
         volume: Volume of its convex hull; 0 where it is flat.
         faces: Number of triangles.
         problem: Why it cannot be read; else empty.
+        up_axis: The axis that a COLLADA file states as up: `X`, `Y` or `Z`; else None.
     """
 
     bounds: np.ndarray
     volume: float
     faces: int
     problem: str = ""
+    up_axis: str | None = None
 
 
 def check_meshes(doc: Document, uses: Sequence[MeshUse], facts: Mapping[str, MeshFacts]) -> None:
     """Report meshes that cannot be read or have an unlikely size; `facts` is keyed by path."""
     _check_formats(doc, uses)
+    _check_up_axes(doc, uses, facts)
     for use in uses:
         known = facts.get(str(use.path))
         if known is None:
@@ -87,6 +90,20 @@ def _check_formats(doc: Document, uses: Sequence[MeshUse]) -> None:
         first = next(iter(paths))
         number = "1 mesh is" if len(paths) == 1 else f"{len(paths)} meshes are"
         doc.add("mesh-format", paths[first], f"{number} {suffix or 'without a suffix'}, such as {first.name}")
+
+
+def _check_up_axes(doc: Document, uses: Sequence[MeshUse], facts: Mapping[str, MeshFacts]) -> None:
+    """Report once that there are meshes which some tools turn."""
+    turned: dict[Path, MeshUse] = {}
+    for use in uses:
+        known = facts.get(str(use.path))
+        if known is not None and known.up_axis in ("X", "Y"):
+            turned.setdefault(use.path, use)
+    if turned:
+        first = next(iter(turned.values()))
+        axis = facts[str(first.path)].up_axis
+        number = "1 COLLADA mesh states" if len(turned) == 1 else f"{len(turned)} COLLADA meshes state"
+        doc.add("mesh-up-axis", first.element, f"{number} another up axis than z, such as {first.path.name} ({axis})")
 
 
 def check_density(doc: Document, element: Any, name: str, mass: float, volume: float) -> None:

@@ -86,14 +86,20 @@ def _take(answer: Answer, line: str) -> None:
         return
     if "mesh" in found:
         bounds = np.array(found.get("bounds", np.zeros((2, 3))), dtype=float)
-        facts = MeshFacts(bounds, found.get("volume", 0.0), found.get("faces", 0), found.get("problem", ""))
+        facts = MeshFacts(
+            bounds,
+            found.get("volume", 0.0),
+            found.get("faces", 0),
+            found.get("problem", ""),
+            found.get("up_axis"),
+        )
         answer.meshes[found["mesh"]] = facts
     elif "model" in found:
         answer.model = found["model"]
 
 
 def _measure(path: Path) -> dict[str, Any]:
-    from morphkit.mesh_files import load_mesh
+    from morphkit.mesh_files import load_mesh, up_axis
 
     if path.stat().st_size > MAX_MESH_BYTES:
         return {"problem": f"larger than {MAX_MESH_BYTES // 2**20} MiB"}
@@ -104,7 +110,7 @@ def _measure(path: Path) -> dict[str, Any]:
         volume = float(mesh.convex_hull.volume)
     except Exception:  # qhull refuses flat meshes in several ways
         volume = 0.0
-    return {"bounds": mesh.bounds.tolist(), "volume": volume, "faces": len(mesh.faces)}
+    return {"bounds": mesh.bounds.tolist(), "volume": volume, "faces": len(mesh.faces), "up_axis": up_axis(path)}
 
 
 def _answers(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
