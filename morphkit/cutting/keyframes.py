@@ -72,13 +72,14 @@ class Layout:
         for key in keys:
             changed = []
             for attribute, (indices, size) in gone.items():
-                words = key.get(attribute, "").split()
-                if words and len(words) != size:
+                words = key.get(attribute, "").split()  # where they end early, MuJoCo goes on with its defaults
+                if len(words) > size:
                     yield from _drop([key], f"its {attribute} has {len(words)} values where the source has {size}")
                     break
-                if words and indices:
-                    left = " ".join(word for index, word in enumerate(words) if index not in indices)
-                    changed.append(f"{attribute} lost {len(indices)} of {size} values")
+                kept = [word for index, word in enumerate(words) if index not in indices]
+                if len(kept) < len(words):
+                    left = " ".join(kept)
+                    changed.append(f"{attribute} lost {len(words) - len(kept)} of {len(words)} values")
                     if left:
                         key.set(attribute, left)
                     else:

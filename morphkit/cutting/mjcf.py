@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -15,6 +15,7 @@ from morphkit.cutting.loss import Loss
 from morphkit.cutting.plan import Plan
 from morphkit.cutting.references import Bones, Removed, collect, prune_references
 from morphkit.cutting.tidy import detach, lift
+from morphkit.errors import AblationError
 
 _NO_BONES: Bones = MappingProxyType({})
 
@@ -72,7 +73,7 @@ def _splice(root: Any, group: list[Any]) -> None:
         if any(id(ancestor) in inside for ancestor in top.iterancestors("body")):
             continue
         pose = angles.pose(top)
-        anchor = pose.apply(_anchor(top, defaults))
+        anchor = pose.apply(_anchor(top, angles, defaults))
         for child in _children(top, inside):
             _move_up(child, top, angles, defaults, anchor)
         detach(top)
@@ -93,10 +94,11 @@ def _move_up(child: Any, top: Any, angles: Angles, defaults: Defaults, anchor: n
     """Put `child` in the place of `top`, turned as it is, its joint's anchor at `anchor` in the frame around `top`."""
     between = identity()
     for ancestor in child.iterancestors():
+        _refuse_scale(ancestor)
         between = angles.pose(ancestor) @ between
         if ancestor is top:
             break
-    own_anchor = _anchor(child, defaults)
+    own_anchor = _anchor(child, angles, defaults)
     inherited = inherited_class(child)
     pose = between @ angles.pose(child)
     pose = Pose(anchor - pose.rotate(own_anchor), pose.rotation)
@@ -106,10 +108,29 @@ def _move_up(child: Any, top: Any, angles: Angles, defaults: Defaults, anchor: n
     write_mjcf(child, pose, keep_orientation=not between.turned)
 
 
-def _anchor(body: Any, defaults: Defaults) -> np.ndarray:
+def _anchor(body: Any, angles: Angles, defaults: Defaults) -> np.ndarray:
     """Where the first joint of `body` is anchored, in its frame; its origin where it has none."""
-    joint = body.find("joint")
-    return np.zeros(3) if joint is None else numbers(defaults.get(joint, "pos", "0 0 0"))
+    joint, around = next(_joints(body, angles), (None, identity()))
+    return np.zeros(3) if joint is None else around.apply(numbers(defaults.get(joint, "pos", "0 0 0")))
+
+
+def _joints(body: Any, angles: Angles) -> Iterator[tuple[Any, Pose]]:
+    """The joints of `body` in MuJoCo's order, each with the pose of the frames around it in the body's frame."""
+    for child in body.iterchildren("joint", "frame"):
+        if child.tag == "joint":
+            yield child, identity()
+            continue
+        for joint, around in _joints(child, angles):
+            _refuse_scale(child)
+            yield joint, angles.pose(child) @ around
+
+
+def _refuse_scale(element: Any) -> None:
+    if element.tag == "frame" and (element.get("scale") is not None or element.get("massscale") is not None):
+        raise AblationError(
+            f"line {element.sourceline}: a <frame> with a scale stands between a limb to splice and what hangs on it,"
+            " which would lose that scale; remove the limb instead, or write the scaled sizes out"
+        )
 
 
 def read_angles(root: Any) -> Angles:
@@ -139,12 +160,12 @@ def set_height(root: Any, body: Any, height_m: float) -> None:
     if not around.turned:
         position[2] = height_m - around.position[2]
     body.set("pos", text(position))
-    for joint in body.iterfind("joint"):
+    for joint, inside in _joints(body, angles):
         if defaults.get(joint, "type", "hinge") != "slide":
             continue
         if joint.get("pos") is not None:
-            joint.set("pos", text(numbers(joint.get("pos")) - world.unrotate(shift)))
-        axis = world.rotate(numbers(defaults.get(joint, "axis", "0 0 1")))
+            joint.set("pos", text(numbers(joint.get("pos")) - (world @ inside).unrotate(shift)))
+        axis = (world @ inside).rotate(numbers(defaults.get(joint, "axis", "0 0 1")))
         vertical = abs(axis[2]) > 0.999 * float(np.linalg.norm(axis))
         if vertical and float(defaults.get(joint, "ref", "0")) != 0:
             joint.set("ref", text(np.array([height_m])))

@@ -137,7 +137,8 @@ def check_keyframes(doc: Document, sizes: Mapping[str, int] | None) -> None:
             if numbers is None or sizes is None or len(numbers) == sizes[attribute]:
                 continue
             what = f"{owner} has {len(numbers)} numbers in {attribute}, and the model needs {sizes[attribute]}"
-            doc.add("keyframe-size", key, what, name=key.get("name") or "")
+            rule = "keyframe-size" if len(numbers) > sizes[attribute] else "keyframe-short"
+            doc.add(rule, key, what, name=key.get("name") or "")
 
 
 def check_model(doc: Document, found: Mapping[str, Any], lines: Mapping[int, Any]) -> None:

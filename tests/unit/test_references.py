@@ -180,13 +180,23 @@ def test_a_skin_goes_with_a_bone_that_only_its_file_names(tmp_path: Path, plain_
     assert b"suit.skn" in ablate(robot, remove=["slider"]).description.source
 
 
-def test_a_keyframe_of_the_wrong_size_goes_and_the_others_are_cut(plain_spec):
-    source = TENDONS.replace(b'<key name="late"', b'<key name="odd" qpos="1 2 3"/><key name="late"')
-    variant = ablate(mjcf(source), remove=["finger"])
+def test_a_keyframe_that_is_too_long_goes_and_the_others_are_cut(plain_spec):
+    odd = b'<key name="odd" act="1 2 3 4 5 6 7 8 9"/><key name="late"'
+    variant = ablate(mjcf(TENDONS.replace(b'<key name="late"', odd)), remove=["finger"])
     reasons = {loss.name: loss.reason for loss in variant.lost if loss.kind == "keyframe"}
-    assert reasons["odd"] == "removed: its qpos has 3 values where the source has 15"
+    assert reasons["odd"] == "removed: its act has 9 values where the source has 3"
     assert reasons["half"].startswith("resized: qpos lost 1 of 15 values, act lost 1 of ")
     assert plain_spec(variant.description).compile().nkey == 2
+
+
+@pytest.mark.parametrize("limb", ["crank", "rod", "wrist", "finger"])
+def test_a_keyframe_that_ends_early_is_cut_as_if_it_were_whole(limb, plain_spec):
+    early = b'qpos="0 0 1 1 0 0 0 .1 .2"'
+    short = mjcf(TENDONS.replace(b'qpos="0 0 1 1 0 0 0 .1 .2 .3 1 0 0 0 .5"', early))
+    assert plain_spec(short).compile().key_qpos[0].tolist() == [0, 0, 1, 1, 0, 0, 0, 0.1, 0.2, 0, 1, 0, 0, 0, 0]
+    whole = mjcf(TENDONS.replace(b".1 .2 .3 1 0 0 0 .5", b".1 .2 0 1 0 0 0 0"))
+    cut = [plain_spec(ablate(robot, remove=[limb]).description).compile() for robot in (short, whole)]
+    assert cut[0].key_qpos.tolist() == cut[1].key_qpos.tolist()
 
 
 ARM = b"""<mujoco><worldbody><body name="arm"><joint name="shoulder"/><geom size=".1"/></body></worldbody></mujoco>"""

@@ -129,3 +129,27 @@ def test_an_orientation_that_is_none_cannot_be_spliced():
     with pytest.raises(AblationError, match=r'line \d+: axisangle="0 0 0 .3" in <body> is no orientation'):
         ablate(mjcf(source), splice=["middle"])
     assert ablate(mjcf(source), remove=["middle"]).limbs == ("root",)
+
+
+JOINT_IN_FRAME = b"""<mujoco><worldbody><body name="root"><geom size=".1"/>
+  <body name="middle" pos=".3 .1 0" euler="10 20 30">
+    <frame pos="0 .1 0" euler="0 40 0"><frame pos=".1 0 0" euler="50 0 0"><joint name="middle" pos="0 0 .2"/></frame></frame>
+    <geom size=".1"/>
+    <body name="lower" pos="0 0 -.3"><frame euler="0 0 30"><joint name="lower" pos=".1 0 .1"/></frame><geom size=".1"/></body>
+  </body>
+</body></worldbody></mujoco>"""
+
+
+def test_splice_sees_joints_inside_frames(plain_spec):
+    before = placed(plain_spec(mjcf(JOINT_IN_FRAME)).compile())
+    after = placed(plain_spec(ablate(mjcf(JOINT_IN_FRAME), splice=["middle"]).description).compile())
+    np.testing.assert_allclose(after.joint("lower").xanchor, before.joint("middle").xanchor, atol=1e-12)
+    np.testing.assert_allclose(after.joint("lower").xaxis, before.joint("lower").xaxis, atol=1e-12)
+
+
+@pytest.mark.parametrize("turn", [b'euler="50 0 0"', b'euler="0 0 30"'])
+def test_splice_refuses_to_lose_a_scale(turn):
+    source = JOINT_IN_FRAME.replace(turn, turn + b' scale="2"')
+    assert source != JOINT_IN_FRAME
+    with pytest.raises(AblationError, match="line [35]: a <frame> with a scale"):
+        ablate(mjcf(source), splice=["middle"])

@@ -142,7 +142,8 @@ MJCFS = {
     "range-inverted": (mjcf(hip='range="60 -60"'), 6),
     "range-units": (mjcf(hip='range="-1 1"', leg='<joint name="x" range="-2 2"/>'), 5),
     "control-unbounded": (mjcf(actuator='<motor name="m" joint="hip"/>'), 8),
-    "keyframe-size": (mjcf(tail='<keyframe><key name="k" qpos="1 2 3"/></keyframe>'), 9),
+    "keyframe-size": (mjcf(tail='<keyframe><key name="k" qvel="1 2 3 4 5 6 7 8"/></keyframe>'), 9),
+    "keyframe-short": (mjcf(tail='<keyframe><key name="k" qpos="1 2 3"/></keyframe>'), 9),
     "self-collision": (mjcf(leg='<body name="foot" pos="0 0 0.48"><joint range="-9 9"/><geom size="0.1"/></body>'), 5),
     "simulator-refuses": (mjcf(leg='<site name="s" shape="round"/>'), 5),
     "name-duplicate": (mjcf(leg='<site name="s"/><site name="s"/>'), 5),
@@ -157,7 +158,8 @@ MJCFS = {
     "robot-empty": ("<mujoco><worldbody/></mujoco>", 1),
 }
 COMPILED = {
-    "range-units", "control-unbounded", "keyframe-size", "self-collision", "simulator-refuses", "joint-unactuated",
+    "range-units", "control-unbounded", "keyframe-size", "keyframe-short", "self-collision", "simulator-refuses",
+    "joint-unactuated",
 }  # fmt: skip
 
 
