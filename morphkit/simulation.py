@@ -94,7 +94,7 @@ def build(description: Description, *, base: Base | None = None) -> Simulation:
     if own_base is not None and base is not None and base != own_base:
         raise ConfigError(
             f"{description.file}: base {base!r} was asked for, but joints of {root.name!r} make it {own_base}; "
-            "leave the base out"
+            f"leave the base out, or say {own_base}"
         )
     morphology = replace(morphology, base=own_base or base or morphology.base)
     limbs = _limb_names(root, morphology)

@@ -91,8 +91,8 @@ def evaluate(
         descriptions: The robots.
         episodes: Episodes a robot, for the policy and for the random one; each starts from a reset of its own.
         seed: Seed of resets and of the random policy.
-        task: Name of the task; default: each robot's own.
-        base: How roots are attached to the world; default: each robot's own.
+        task: Name of the task; default: that of the run, which may be each robot's own.
+        base: How roots are attached to the world; default: as `task`.
 
     Raises:
         CheckpointError: The run has no whole checkpoint.
@@ -101,7 +101,7 @@ def evaluate(
     if episodes < 1:
         raise ConfigError(f"episodes is {episodes}; expected at least 1")
     policy = Policy.load(run)
-    robots = [_prepared(policy, description, task, base) for description in descriptions]
+    robots = [_prepared(run, policy, description, task, base) for description in descriptions]
     with single_thread():
         return [_evaluate_one(policy, robot, episodes, seed) for robot in robots]
 
@@ -115,13 +115,13 @@ def record(
     task: str | None = None,
     base: Base | None = None,
 ) -> tuple[Simulation, np.ndarray, float]:
-    """Play one noise-free episode for a video.
+    """Play one noise-free episode for a video; task and base as in `evaluate`.
 
     Returns:
         The simulation, qpos (steps + 1, nq) of the episode, and its steps a second.
     """
     policy = Policy.load(run)
-    robot = _prepared(policy, description, task, base)
+    robot = _prepared(run, policy, description, task, base)
     env = _single(policy, robot, 1, seed)
     obs = env.reset()[0]
     poses = [env.state(0)[0][0].copy()]
@@ -165,8 +165,11 @@ def _evaluate_one(policy: Policy, robot: Robot, episodes: int, seed: int) -> Rob
     )
 
 
-def _prepared(policy: Policy, description: Description, task: str | None, base: Base | None) -> Robot:
-    robot = runs.prepare_robot(policy.config, description, task=task, base=base)
+def _prepared(run: Path, policy: Policy, description: Description, task: str | None, base: Base | None) -> Robot:
+    saved = runs.read(run)
+    robot = runs.prepare_robot(
+        policy.config, description, task=task or saved.get("task"), base=base or saved.get("base")
+    )
     if not robot.spec.actuators:
         raise ConfigError(f"{robot.name}: has no actuators, so there is nothing to control")
     return robot

@@ -123,6 +123,17 @@ def test_a_recording_holds_the_poses_of_one_episode(run: Path) -> None:
     assert rate > 0
 
 
+def test_evaluation_takes_task_and_base_of_the_run(tmp_path: Path, config: TrainConfig) -> None:
+    robot = load("quadruped")
+    assert (robot.info.task, robot.info.base) == ("locomotion", "free")
+    run = tmp_path / "run"
+    train([robot], run, config, task="raise", base="fixed", steps=20)
+    own, same = (evaluate(run, [robot], episodes=2, **named) for named in ({}, {"task": "raise", "base": "fixed"}))
+    assert own == same
+    assert evaluate(run, [robot], episodes=2, task="locomotion", base="free") != own
+    assert record(run, robot, max_steps=2)[0].base == "fixed"
+
+
 def test_held_out_robots_are_not_trained_on(tmp_path: Path, config: TrainConfig) -> None:
     robots = [load("hopper"), load("arm")]
     train(robots, tmp_path / "run", config, hold_out=["arm"], steps=20)
