@@ -120,8 +120,8 @@ class TrainerConfig:
 
     Attributes:
         schedule: `sweeps`: after each step of all environments a few updates that mix all robots. `rounds`: the
-            published order; an episode of every robot, then, robot by robot, as many updates from its own replay as it
-            counted steps.
+            published order; an episode of every robot, then, robot by robot, updates from its own replay: as many for
+            each, and in all as many as counted steps.
         num_envs: Environments a robot.
         start_steps: Random environment steps, over all robots.
         start_steps_per_robot: The same as steps a robot; the larger of the two holds.

@@ -90,7 +90,8 @@ class Rounds:
     """The order of the published code (Huang et al. 2020, One Policy to Control Them All, and its successors).
 
     A round: all robots step until each has ended an episode; those that have go on with a next one, which is stored but
-    neither counted nor reported. Then, robot by robot, as many updates from its own replay as steps of it were counted.
+    neither counted nor reported. Then, robot by robot, updates from its own replay: in all as many as steps were
+    counted, and the same number for every robot, however long its episode was; the first ones take what is left over.
     A piece is one step of every environment, or one update.
 
     Args:
@@ -158,7 +159,9 @@ class Rounds:
         self.collector.store(action, step, cut=whole)
         if whole:
             self.agent.refresh()
-            self.updates_due, self.updates_left = self._counted, self._counted.copy()
+            each, left_over = divmod(int(self._counted.sum()), len(self._counted))
+            self.updates_due = each + (np.arange(len(self._counted)) < left_over).astype(np.int64)
+            self.updates_left = self.updates_due.copy()
             self._counted = np.zeros_like(self._counted)
             self._over[:] = False
 

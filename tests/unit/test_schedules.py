@@ -72,7 +72,7 @@ ROUNDS = (
 )
 
 
-def test_a_round_is_an_episode_of_every_robot_then_as_many_updates_as_counted_steps_from_its_own_replay(
+def test_a_round_is_an_episode_of_every_robot_then_equal_shares_of_as_many_updates_from_their_own_replays(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     one = session("hopper", "hopper_3", overrides=ROUNDS)
@@ -89,21 +89,29 @@ def test_a_round_is_an_episode_of_every_robot_then_as_many_updates_as_counted_st
         return losses
 
     monkeypatch.setattr(one.agent, "update", spy)
+    lengths: list[int] = []
+    report = collector.report
+    monkeypatch.setattr(collector, "report", lambda episode: (lengths.append(episode.length), report(episode)))
+    unlike = 0
     for _ in range(2):
         steps, real_steps, episodes = collector.steps, collector.real_steps, collector.episodes
+        lengths.clear()
         while not schedule.updates_left.any():
             schedule.advance()
-        counted = schedule.updates_left.copy()
+        unlike += abs(lengths[0] - lengths[1])
+        shares = schedule.updates_left.copy()
         sweeps = (collector.real_steps - real_steps) // 2
-        assert collector.steps - steps == counted.sum()
-        assert counted.max() == sweeps, "the round lasts as long as the longest of the episodes"
+        assert collector.steps - steps == shares.sum() == sum(lengths)
+        assert shares.max() - shares.min() == shares.sum() % 2, "robots share alike, whose episode was longer too"
+        assert max(lengths) == sweeps, "the round lasts as long as the longest of the episodes"
         assert collector.episodes - episodes == 2
         trained_on.clear()
         while schedule.updates_left.any():
             schedule.advance()
-        assert trained_on == [(robot, number) for robot in range(2) for number in range(counted[robot])]
+        assert trained_on == [(robot, number) for robot in range(2) for number in range(shares[robot])]
     assert collector.real_steps == 2 * collector.rings[0].added > collector.steps
     assert one.agent.learner.updates == collector.steps
+    assert unlike > 2, "episodes as long as each other would not tell how updates are shared"
 
 
 def test_no_sum_of_rewards_reaches_over_the_end_of_a_round() -> None:
