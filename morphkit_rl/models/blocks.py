@@ -8,6 +8,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from morphkit.errors import ConfigError
+
 
 class MemberLinear(nn.Module):
     """One affine map a member: (members, rows, inputs) -> (members, rows, outputs).
@@ -59,6 +61,7 @@ class TransformerLayer(nn.Module):
 
     def __init__(self, members: int, d_model: int, heads: int, feedforward: int):
         super().__init__()
+        check_heads(d_model, heads)
         self.heads = heads
         self.qkv = MemberLinear(members, d_model, 3 * d_model)
         self.out = MemberLinear(members, d_model, d_model)
@@ -82,6 +85,12 @@ class TransformerLayer(nn.Module):
         x = x + self.out(mixed.transpose(2, 3).reshape(rows)).view(x.shape)
         hidden = F.relu(self.expand(F.layer_norm(x, (width,)).view(rows)))
         return x + self.contract(hidden).view(x.shape)
+
+
+def check_heads(d_model: int, heads: int) -> None:
+    """Raise ConfigError where a width does not divide into attention heads."""
+    if heads < 1 or d_model % heads:
+        raise ConfigError(f"d_model is {d_model}, which does not divide into {heads} attention heads")
 
 
 def set_precision(network: nn.Module, precision: torch.dtype) -> None:

@@ -64,6 +64,9 @@ def load_published(
 ) -> tuple[Actor, TwinCritic]:
     """Build the networks that published weights belong to; all sizes follow from the weights' shapes.
 
+    Weights of SMP whose messages only come down do not tell by their shapes for how many children they were made:
+    for the most that a limb has here.
+
     Args:
         method: `anymorph`, `amorpheus` or `smp`; or `ma-bert`, which takes AnyMorph's weights with the two tables as
             its frozen embeddings.
@@ -73,16 +76,21 @@ def load_published(
         num_heads: Attention heads, which shapes do not tell.
 
     Raises:
-        ConfigError: The method is none of these, or limbs and parents make no tree.
-        CheckpointError: Weights are missing or of unexpected shape.
+        ConfigError: The method is none of these, limbs and parents make no tree, or heads do not divide a width.
+        CheckpointError: Weights are missing or of unexpected shape, or were made for other limbs.
     """
-    weights = {key: torch.as_tensor(value).detach() for key, value in tensors.items() if key.startswith("weights/")}
+    limbs, parents = [str(limb) for limb in limbs], [int(parent) for parent in parents]
+    weights = {
+        key: torch.as_tensor(value).detach().float() for key, value in tensors.items() if key.startswith("weights/")
+    }
     loaders = {"anymorph": _anymorph, "ma-bert": _anymorph, "amorpheus": _amorpheus, "smp": _smp}
     if method not in loaders:
         raise ConfigError(f"no published weights of method {method!r} are known; there is {', '.join(loaders)}")
     _check_tree(limbs, parents)
     try:
         actor, critic, layout = loaders[method](method, weights, limbs, parents, num_heads)
+    except ConfigError:
+        raise
     except KeyError as error:
         raise CheckpointError(f"published weights of {method!r}: lack {error}") from None
     except (RuntimeError, ValueError) as error:
@@ -107,6 +115,8 @@ def _anymorph(method: str, weights: Weights, limbs: Sequence[str], parents: Sequ
         code_size=read.shape[1] - size,
         token_size=size,
     )
+    if len(actions) != len(limbs) or len(sensors) % len(limbs):
+        raise ValueError(f"tables of {len(sensors)} sensors and {len(actions)} actions do not fit {len(limbs)} limbs")
     spec = _spec(limbs, parents, len(sensors) // len(actions))
     vocabulary = Vocabulary(
         tuple(sensor.name for sensor in spec.sensors),
@@ -170,12 +180,16 @@ def _limb_critic(weights: Weights, actor: ModelConfig, scalars: int) -> nn.Modul
 
 
 def _smp(method: str, weights: Weights, limbs: Sequence[str], parents: Sequence[int], heads: int) -> Loaded:
-    children = max(map(list(parents).count, range(len(limbs))), default=1)
+    children = max(1, *map(parents.count, range(len(limbs))))
     own, twins = part(weights, "weights/actor/"), part(weights, "weights/critic/")
     sizes = smp_sizes(own, "actor.0.", ("action_base", "base"), 0, children)
+    critic_sizes = smp_sizes(twins, "critic.0.", ("baseQ1",), 1, children)
+    for _, _, most, direction, _ in (sizes, critic_sizes):
+        if direction != "none" and children > most:
+            raise ValueError(f"were made for at most {most} children a limb, here a limb has {children}")
     actor = smp.Actor(*sizes)
     fill(actor, [smp_names(own, "actor.0.", "action", ("action_base", "base"))])
-    critic = smp.TwinCritic(*smp_sizes(twins, "critic.0.", ("baseQ1",), 1, children))
+    critic = smp.TwinCritic(*critic_sizes)
     fill(critic, [smp_names(twins, "critic.0.", "value", (head,)) for head in ("baseQ1", "baseQ2")])
     return actor, critic, _layout(limbs, parents, sizes[0])
 

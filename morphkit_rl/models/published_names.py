@@ -110,10 +110,12 @@ def smp_sizes(
         tops: Names that the MLP which acts or values can have.
         actions: 1 in the critics, which read a limb's action too, else 0.
         children: Most children of a limb, for messages that only come down: shapes do not tell.
+
+    Raises:
+        KeyError: The MLP which acts or values is missing.
+        ValueError: Messages that come down do not divide among the children.
     """
-    up, down = "sNet.0.fc1.weight" in own, f"{head}msg_base.l1.weight" in own
-    prefix = head if down or not up else "sNet.0."
-    top = next(f"{prefix}{name}" for name in tops if f"{prefix}{name}.l1.weight" in own)
+    up, down, top = _smp_parts(own, head, tops)
     first, inputs = own[f"{top}.l1.weight"].shape
     second = len(own[f"{top}.l2.weight"])
     scalars, message, width = inputs - actions, 0, Widths().up
@@ -123,7 +125,9 @@ def smp_sizes(
         message = len(own["sNet.0.fc3.weight"])
         children = (own["sNet.0.fc2.weight"].shape[1] - width) // message
     elif down:
-        message = len(own[f"{head}msg_base.l3.weight"]) // children
+        message, rest = divmod(len(own[f"{head}msg_base.l3.weight"]), children)
+        if rest:
+            raise ValueError(f"messages do not divide into pieces for the {children} children of a limb")
         scalars -= message
     direction: Direction = "both" if up and down else "up" if up else "down" if down else "none"
     return scalars, message, children, direction, Widths(width, first, second)
@@ -131,9 +135,7 @@ def smp_sizes(
 
 def smp_names(own: Weights, head: str, ours: str, tops: Sequence[str]) -> Weights:
     """SMP's actor, or its critic with one of its twin values."""
-    up, down = "sNet.0.fc1.weight" in own, f"{head}msg_base.l1.weight" in own
-    prefix = head if down or not up else "sNet.0."
-    top = next(f"{prefix}{name}" for name in tops if f"{prefix}{name}.l1.weight" in own)
+    up, down, top = _smp_parts(own, head, tops)
     names = _mlp(own, top, ours)
     if up:
         for name in ("fc1", "fc2", "fc3"):
@@ -141,6 +143,16 @@ def smp_names(own: Weights, head: str, ours: str, tops: Sequence[str]) -> Weight
     if down:
         names |= _mlp(own, f"{head}msg_base", "messages.down.base")
     return names
+
+
+def _smp_parts(own: Weights, head: str, tops: Sequence[str]) -> tuple[bool, bool, str]:
+    """Whether messages go up, whether they come down, and the name of the MLP which acts or values."""
+    up, down = "sNet.0.fc1.weight" in own, f"{head}msg_base.l1.weight" in own
+    prefix = head if down or not up else "sNet.0."
+    found = [f"{prefix}{name}" for name in tops if f"{prefix}{name}.l1.weight" in own]
+    if not found:
+        raise KeyError(f"{prefix}{tops[0]}.l1.weight")
+    return up, down, found[0]
 
 
 def _mlp(own: Weights, theirs: str, ours: str) -> Weights:

@@ -13,7 +13,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from morphkit_rl.models.blocks import MemberLinear, affine, first
+from morphkit_rl.models.blocks import MemberLinear, affine, check_heads, first
 
 Spans = Sequence[slice]
 
@@ -63,6 +63,7 @@ class SelfAttention(nn.Module):
 
     def __init__(self, members: int, d_model: int, heads: int):
         super().__init__()
+        check_heads(d_model, heads)
         self.heads = heads
         self.qkv = MemberLinear(members, d_model, 3 * d_model).draw(math.sqrt(1.5 / d_model), 0)
         self.out = MemberLinear(members, d_model, d_model).draw(None, 0)

@@ -256,6 +256,9 @@ def test_unknown_methods_and_odd_codes_are_refused() -> None:
         build(replace(SMALL, method="bert"), SIZE)
     with pytest.raises(ConfigError, match="even size"):
         build(replace(SMALL, method="ma-bert", code_size=7), SIZE, Vocabulary.of([spec("hopper")]))
+    for method in ("limb-former", "ma-bert", "anymorph", "amorpheus"):
+        with pytest.raises(ConfigError, match="d_model is 16, which does not divide into 3 attention heads"):
+            networks(replace(SMALL, method=method, heads=3))
 
 
 def test_anymorph_knows_names_of_training_only_and_gives_others_zeros() -> None:

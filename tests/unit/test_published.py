@@ -203,11 +203,41 @@ def test_modular_policies_of_other_sizes_and_trees(seed: int, directions: tuple[
     assert_same_networks("smp", actor, critic, parents, scalars)
 
 
+@pytest.mark.parametrize("direction", ["both", "up", "down"])
+def test_modular_policies_say_for_how_many_children_they_were_made(direction: str) -> None:
+    nets = [net(PARENTS, 5, 4, 2, direction, (6, 6, 6)) for net in (plain.ModularActor, plain.ModularCritic)]
+    for parents in ((-1, 0, 0, 0), (-1, 0, 0, 0, 1, 1, 1)):
+        with pytest.raises(CheckpointError, match=r"children"):
+            load_published("smp", weights_of(*nets), [f"limb{n}" for n in range(len(parents))], parents)
+
+
+def test_modular_policies_of_a_single_limb() -> None:
+    for direction in ("both", "up", "down", "none"):
+        nets = [net([-1], 5, 4, 1, direction) for net in (plain.ModularActor, plain.ModularCritic)]
+        assert_same_networks("smp", *nets, [-1], 5)
+
+
+def test_weights_of_any_number_type_and_trees_in_arrays_can_be_loaded() -> None:
+    actor, critic = plain.TokenActor(4, 3, 5, 4, 8, 2, 8, 1), plain.LimbCritic(4, 3, 8, 2, 8, 1)
+    weights = {key: torch.from_numpy(value).bfloat16() for key, value in weights_of(actor, critic).items()}
+    exact, obs = {key: value.float() for key, value in weights.items()}, torch.randn(2, 12)
+    acts, same = (load_published("anymorph", w, np.array(LIMBS), np.array(PARENTS))[0](obs) for w in (weights, exact))
+    assert torch.equal(acts, same)
+
+
 def test_what_cannot_be_loaded_is_said() -> None:
     actor, critic = plain.LimbActor(4, 3, 8, 2, 8, 1), plain.LimbCritic(4, 3, 8, 2, 8, 1)
     weights = weights_of(actor, critic)
     with pytest.raises(ConfigError, match=r"method 'limb-former'.*anymorph"):
         load_published("limb-former", weights, LIMBS, PARENTS)
+    for heads in (0, 3, 16):
+        with pytest.raises(ConfigError, match=f"d_model is 8, which does not divide into {heads} attention heads"):
+            load_published("amorpheus", weights, LIMBS, PARENTS, num_heads=heads)
+    with pytest.raises(CheckpointError, match=r"lack 'actor\.0\.action_base"):
+        load_published("smp", weights, LIMBS, PARENTS)
+    tables = weights_of(plain.TokenActor(4, 3, 5, 4, 8, 2, 8, 1), critic)
+    with pytest.raises(CheckpointError, match="12 sensors and 4 actions do not fit 3 limbs"):
+        load_published("anymorph", tables, LIMBS[:3], PARENTS[:3])
     with pytest.raises(ConfigError, match="make no tree"):
         load_published("amorpheus", weights, LIMBS, (1, 0, 1, 0))
     with pytest.raises(CheckpointError, match=r"lack 'encoder\.weight'"):
