@@ -19,7 +19,7 @@ from morphkit.description import Description, RobotInfo
 from morphkit.errors import DescriptionError, OutputError
 from morphkit.io import read
 from morphkit.manifest import FILE_NAME, SCHEMA_VERSION, ManifestVariant, listed_files, read_manifest
-from morphkit.output import staged_folder
+from morphkit.output import clear_leftovers, staged_folder
 from morphkit.packing import AssetMode, Packer
 
 
@@ -52,6 +52,7 @@ def write_family(
         OutputError: The folder holds other files, cannot be written, or two variants have one name.
     """
     folder = Path(folder)
+    clear_leftovers(folder.absolute())
     _check_target(folder, source, force)
     with staged_folder(folder) as stage:
         rest: dict[str, list[Any]] = {"failed": [], "mirrored": []}
@@ -86,7 +87,7 @@ class _Listing:
         self._comma = ""
 
     def add(self, variant: Variant, content: bytes, missing: Sequence[Loss]) -> None:
-        self._begin(variant.description.info.canonical)
+        self._begin(variant.description.info)
         entry = ManifestVariant(
             variant.description.name,
             variant.description.file,
@@ -101,16 +102,17 @@ class _Listing:
 
     def close(self, rest: Mapping[str, Sequence[Any]]) -> None:
         """Write the keys after the variants; empty ones are left out."""
-        self._begin({})
+        self._begin(self._source.info)
         self._out.write("\n  ]" if self._comma else "]")
         for key, value in rest.items():
             if value:
                 self._out.write(f',\n  "{key}": ' + _dump(value).replace("\n", "\n  "))
         self._out.write("\n}\n")
 
-    def _begin(self, canonical: dict[str, str]) -> None:
+    def _begin(self, names: RobotInfo) -> None:
         if not self._begun:
-            info = replace(self._source.info, canonical=canonical or self._source.info.canonical)
+            own = self._source.info
+            info = replace(own, canonical=names.canonical or own.canonical, labels=names.labels or own.labels)
             self._out.write(_dump(_head(self._source, info)).removesuffix("\n}") + ',\n  "variants": [')
             self._begun = True
 
@@ -160,6 +162,8 @@ def _head(source: Description, info: RobotInfo) -> dict[str, Any]:
         "type_matched_in": info.type_matched_in,
         "canonical": info.canonical,
     }
+    if info.labels:
+        shared["labels"] = info.labels
     if info.healthy_height is not None:
         shared["healthy_height"] = [value if math.isfinite(value) else None for value in info.healthy_height]
     return {

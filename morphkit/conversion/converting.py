@@ -23,6 +23,7 @@ from morphkit.morphology import Base, Morphology
 
 _ELEMENT = re.compile(r"Element name '(.*?)', id \d+", re.DOTALL)
 _STEPS = 10
+_DIGEST, _LONGEST_STEM = 8, 50
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Conversion:
     Attributes:
         description: The URDF.
         base: How its root is attached to the world.
-        spec: The model; `spec.assets` holds its meshes by their file name.
+        spec: The model; `spec.assets` holds its meshes by their file name, among other names.
         notes: One sentence for each thing that was added, changed or left out.
         missing: What has no counterpart in MJCF.
         bodies: Number of bodies.
@@ -183,7 +184,10 @@ def _motor_notes(morphology: Morphology) -> Iterator[str]:
 
 
 def _name_meshes(spec: mujoco.MjSpec) -> None:
-    """Call meshes and their files as the URDF does, equal contents sharing one file."""
+    """Call meshes and their files as the URDF does, equal contents sharing one file.
+
+    The names of files end in a digest of their content, so that files of two conversions can lie side by side.
+    """
     file_of: dict[str, str] = {}
     assets: dict[str, bytes] = {}
     taken: set[str] = set()
@@ -192,11 +196,11 @@ def _name_meshes(spec: mujoco.MjSpec) -> None:
             continue
         content = spec.assets[mesh.file]
         key = hashlib.sha256(content).hexdigest()
+        own = Path(re.sub(r"[^\w.-]", "_", re.sub(r"^(\d+_)+", "", mesh.file)))
         if key not in file_of:
-            own = re.sub(r"[^\w.-]", "_", re.sub(r"^(\d+_)+", "", mesh.file))
-            file_of[key] = _unique(Path(own).stem, Path(own).suffix, {name.casefold() for name in assets})
+            file_of[key] = f"{own.stem[:_LONGEST_STEM]}-{key[:_DIGEST]}{own.suffix}"
             assets[file_of[key]] = content
-        name = _unique(Path(file_of[key]).stem, "", taken)
+        name = _unique(own.stem, taken)
         taken.add(name)
         for geom in spec.geoms:
             if geom.meshname == mesh.name:
@@ -205,11 +209,11 @@ def _name_meshes(spec: mujoco.MjSpec) -> None:
     spec.assets = assets
 
 
-def _unique(stem: str, suffix: str, taken: set[str]) -> str:
-    name, number = stem + suffix, 1
-    while name.casefold() in taken or name in taken:
+def _unique(stem: str, taken: set[str]) -> str:
+    name, number = stem, 1
+    while name in taken:
         number += 1
-        name = f"{stem}_{number}{suffix}"
+        name = f"{stem}_{number}"
     return name
 
 
