@@ -17,6 +17,7 @@ from morphkit.morphology import Base
 from morphkit_rl import checkpoint, runs
 from morphkit_rl.config import TrainConfig
 from morphkit_rl.interrupts import Interrupts
+from morphkit_rl.lock import alone
 from morphkit_rl.metrics import MetricsLog
 from morphkit_rl.progress import Clock, Mark, Progress, TrainSummary
 from morphkit_rl.session import Session
@@ -79,7 +80,8 @@ def train(
     )
     trainer = Trainer(settings)
     runs.create(run, settings)
-    return trainer.run(run, progress)
+    with alone(run):
+        return trainer.run(run, progress)
 
 
 def resume(
@@ -98,17 +100,19 @@ def resume(
         progress: Called about once a second.
 
     Raises:
-        CheckpointError: There is no checkpoint, or it is damaged.
+        CheckpointError: The folder is no run, or its checkpoint is damaged.
+        OutputError: Another process trains there, or the folder cannot be written.
         TrainingError: Losses or actions are no longer finite.
     """
     settings = runs.load(run)
-    if minutes is not None or steps is not None:
-        settings = runs.with_budget(run, settings, minutes, steps)
-    torch.set_num_threads(settings.threads)
-    trainer = Trainer(settings)
-    if checkpoint.has_checkpoint(run):
-        trainer.clock.elapsed_s = trainer.session.restore(run)
-    return trainer.run(run, progress)
+    with alone(run):
+        if minutes is not None or steps is not None:
+            settings = runs.with_budget(run, settings, minutes, steps)
+        torch.set_num_threads(settings.threads)
+        trainer = Trainer(settings)
+        if checkpoint.has_checkpoint(run):
+            trainer.clock.elapsed_s = trainer.session.restore(run)
+        return trainer.run(run, progress)
 
 
 class Trainer:

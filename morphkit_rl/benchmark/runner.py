@@ -17,9 +17,9 @@ from morphkit.errors import MorphkitError
 from morphkit_rl import trainer
 from morphkit_rl.benchmark import cells
 from morphkit_rl.benchmark.cells import Plan
-from morphkit_rl.benchmark.lock import hold
 from morphkit_rl.evaluation import RobotResult, evaluate
 from morphkit_rl.files import write_text
+from morphkit_rl.lock import hold
 from morphkit_rl.metrics import read_metrics
 from morphkit_rl.trainer import Progress
 

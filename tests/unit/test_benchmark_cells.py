@@ -14,10 +14,10 @@ from benchmark_matrix import make_matrix
 from morphkit.errors import CheckpointError, ConfigError, OutputError, UnknownNameError
 from morphkit_rl.benchmark.cells import CELL, Cell, create, read_cell, read_matrix
 from morphkit_rl.benchmark.definition import load_benchmark
-from morphkit_rl.benchmark.lock import hold, owner
 from morphkit_rl.benchmark.methods import EVALUATE_STEPS, method_config, preset_of
 from morphkit_rl.benchmark.planning import plan_matrix
 from morphkit_rl.config import presets
+from morphkit_rl.lock import hold, owner
 
 HOPPERS = {"tasks": ["hoppers"], "splits": ["1"], "methods": ["limb-former"], "seeds": 2}
 
@@ -141,7 +141,7 @@ def test_damaged_and_empty_matrices_are_named(tmp_path: Path) -> None:
 HOLDER = """
 import sys, time
 from pathlib import Path
-from morphkit_rl.benchmark.lock import hold
+from morphkit_rl.lock import hold
 with hold(Path(sys.argv[1])) as ours:
     print(ours, flush=True)
     time.sleep(60)

@@ -14,7 +14,7 @@ import torch
 from run_folders import assert_same
 
 from morphkit.description import Description
-from morphkit.errors import TrainingError
+from morphkit.errors import OutputError, TrainingError
 from morphkit.robots import load
 from morphkit_rl import checkpoint, runs
 from morphkit_rl.collection import Collector
@@ -47,6 +47,23 @@ def test_robots_keep_what_their_files_refer_to(tmp_path: Path) -> None:
     robot = replace(load("hopper_3"), packages={"meshes": tmp_path / "some" / "folder"})
     train([robot], tmp_path / "run", config(), steps=4)
     assert runs.load(tmp_path / "run").robots == (robot,)
+
+
+def test_a_run_folder_takes_one_process_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two that resume one run would each delete what the other's checkpoints need."""
+    run, refused = tmp_path / "run", []
+    train([load("hopper_3")], run, config(), steps=20)
+
+    def intrude(_: object) -> None:
+        if not refused:
+            with pytest.raises(OutputError, match=f"process {os.getpid()} on .* is at work there") as caught:
+                resume(run, steps=1000)
+            refused.append(caught)
+
+    monkeypatch.setattr("morphkit_rl.trainer.REPORT_SECONDS", 0.0)
+    assert resume(run, steps=30, progress=intrude).steps == 30
+    assert refused
+    assert resume(run, steps=40).steps == 40
 
 
 EXPLOSIVE = """

@@ -1,4 +1,4 @@
-"""One process a cell: a lock that the system takes back when its owner dies, and a note of who that is."""
+"""One process a folder: a lock that the system takes back when its owner dies, and a note of who that is."""
 
 from __future__ import annotations
 
@@ -57,6 +57,20 @@ def hold(folder: Path) -> Iterator[bool]:
 
 
 @contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Work in a folder alone while the block runs.
+
+    Raises:
+        OutputError: Another process works there, or the file system knows no locks.
+    """
+    with hold(folder) as ours:
+        if not ours:
+            who, _ = owner(folder)
+            raise OutputError(f"{folder}: {who or 'another process'} is at work there; wait for it, or stop it first")
+        yield
+
+
+@contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Write to a folder alone while the block runs, which takes a moment only; waits for others.
 
@@ -79,7 +93,7 @@ def _acquire(folder: Path, timeout_s: float) -> BaseFileLock | None:
     except Timeout:
         return None
     except NotImplementedError:
-        raise OutputError(f"{folder}: lies on a file system without locks; put the matrix on another one") from None
+        raise OutputError(f"{folder}: lies on a file system without locks; choose a folder on another one") from None
     return lock
 
 
