@@ -13,6 +13,7 @@ _ATTRIBUTE = re.compile(r"""(\s+)([^\s=<>"'/]+)(\s*=\s*)("[^"]*"|'[^']*')""")
 Span = tuple[int, int, int, int]
 """Byte offsets of an element: start tag from, to; end tag from, to."""
 _START_TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*+"|'[^']*+')*+>""")
+_WORD = re.compile(r"(\s*)(\S+)")
 _ASCII_BASED = {"utf-8", "us-ascii", "ascii", "iso-8859-1", "latin-1"}
 
 
@@ -117,17 +118,38 @@ def _edit_attributes(start: str, before: dict[str, str], wanted: dict[str, str])
     left = dict(wanted)
 
     def replace(match: re.Match[str]) -> str:
-        space, name, equals, _ = match.groups()
+        space, name, equals, quoted = match.groups()
         if name == "xmlns" or ":" in name:
             left.pop(next((key for key in left if key.endswith("}" + name.partition(":")[2])), name), None)
             return match.group()
         if name not in left:
             return ""
         value = left.pop(name)
-        return match.group() if value == before.get(name) else f"{space}{name}{equals}{_quote(value)}"
+        if value == before.get(name):
+            return match.group()
+        return f"{space}{name}{equals}{_without_words(quoted, value) or _quote(value)}"
 
     edited = _ATTRIBUTE.sub(replace, start)
     return edited + "".join(f" {name}={_quote(value)}" for name, value in left.items())
+
+
+def _without_words(quoted: str, value: str) -> str:
+    """The attribute `quoted` over its lines as it is, without the words that `value` lacks; empty where it has others.
+
+    Parsers hand out line breaks in attributes as spaces.
+    """
+    written = quoted[1:-1]
+    wanted = value.split()
+    if "\n" not in written or not wanted or "&" in written:
+        return ""
+    kept, line_break = "", ""
+    for space, word in _WORD.findall(written):
+        if "\n" in space:
+            line_break = space
+        if wanted and word == wanted[0]:
+            kept += (line_break or space) + wanted.pop(0)
+            line_break = ""
+    return "" if wanted else quoted[0] + kept + written[len(written.rstrip()) :] + quoted[-1]
 
 
 def _spans(source: bytes) -> list[Span]:

@@ -10,17 +10,17 @@ import traceback
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from morphkit import loading
-from morphkit.ablation import Cutter
+from morphkit.ablation import Cutter, Variant
 from morphkit.description import Description
 from morphkit.errors import MorphkitError
 from morphkit.io import read
 from morphkit.robots import load
 from morphkit.tokens import tokens
 
-from .compare import Form, differences, foreign_lines, forms, spec_of, without_body
+from .compare import Form, differences, forms, has_meshes, spec_of, without_body
+from .source import foreign_lines, unexplained
 
 SECONDS_WITH_MESHES = 5.0
 _ROOTS = re.compile(r"top-level \w+ elements, expected one: (.*)\. Say which")
@@ -75,15 +75,16 @@ def _survey(path: str, root: str | None, collection: Path, cuts: bool) -> Outcom
 
 def _cut_each(description: Description, outcome: Outcome) -> None:
     outcome.forms = dict(forms(description))
-    usable: list[Form] = [form for form in ("mesh-free", "meshes") if not outcome.forms[form]]  # type: ignore[misc]
+    usable: list[Form] = [form for form in ("meshes", "mesh-free") if not outcome.forms[form]]  # type: ignore[misc]
+    slow = len(usable) == 2 and has_meshes(description)
     cutter = Cutter(description)
+    bodies = _bodies(description, usable)
     deadline = time.perf_counter() + SECONDS_WITH_MESHES
     for limb in cutter.morphology.limbs[1:]:
         variant = cutter.ablate(remove=[limb.name])
-        _check_source(description, variant, limb.name, outcome)
-        done = False
+        _check_source(description, variant, limb.name, bodies, outcome)
         for form in usable:
-            if form == "meshes" and done and time.perf_counter() > deadline:
+            if form == "meshes" and slow and time.perf_counter() > deadline:
                 continue
             try:
                 expected = without_body(description, limb.name, form)
@@ -95,16 +96,28 @@ def _cut_each(description: Description, outcome: Outcome) -> None:
             if found:
                 outcome.different[f"{limb.name} ({form})"] = ", ".join(found[:8])
             outcome.compared[form] = outcome.compared.get(form, 0) + 1
-            done = True
+            outcome.uncompared.pop(limb.name, None)
+            break
 
 
-def _check_source(description: Description, variant: Any, limb: str, outcome: Outcome) -> None:
+def _bodies(description: Description, usable: list[Form]) -> list[str]:
+    """Names of all bodies of an MJCF file, in its order."""
+    if description.format == "urdf" or not usable:
+        return []
+    return [body.name for body in spec_of(description, usable[-1]).bodies[1:]]
+
+
+def _check_source(description: Description, variant: Variant, limb: str, bodies: list[str], outcome: Outcome) -> None:
     rewritten = any(loss.kind == "format" for loss in variant.lost)
     if rewritten or description.source.count(b"\n") < 3:
         return
     foreign = foreign_lines(description.source, variant.description.source)
     if foreign > len(variant.lost):
         outcome.different[f"{limb} (source)"] = f"{foreign} lines are new, {len(variant.lost)} losses are listed"
+    gone = {*variant.removed, *(loss.name for loss in variant.lost if loss.kind in ("body", "link"))}
+    silent = unexplained(description.source, variant.description.source, gone, variant.lost, bodies)
+    if silent:
+        outcome.different[f"{limb} (source)"] = f"gone without a reason: {', '.join(silent[:5])}"
 
 
 def main() -> None:
