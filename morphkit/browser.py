@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from morphkit.ablation import Variant, ablate
+from morphkit.browser_guard import own_pages_only
 from morphkit.browser_scene import RobotScene
 from morphkit.description import Description
 from morphkit.errors import ConfigError, DependencyError, MorphkitError
@@ -35,7 +36,7 @@ def serve(
     ready: Callable[[str], None],
     note: Callable[[str], None],
 ) -> None:
-    """Show a robot in the browser until the process is interrupted. Only this machine can connect.
+    """Show a robot in the browser until the process is interrupted. Only pages from this machine can connect.
 
     Args:
         description: The robot.
@@ -85,7 +86,7 @@ class BrowserViewer:
         self._mechanics = self._whole
         self._removed: list[str] = []
         self._lock = threading.RLock()
-        with _silence():
+        with _silence(), own_pages_only():
             self._server = viser.ViserServer(host=HOST, port=port, label="morphkit", verbose=False)
         self._scene = RobotScene(self._server, self.remove)
         self._scene.set_up(self._whole, pose(self._whole, {}))

@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 import socket
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import mujoco
 import numpy as np
@@ -14,6 +16,8 @@ import pytest
 from PIL import Image
 
 from morphkit import opengl, portraits
+from morphkit.browser import HOST, BrowserViewer
+from morphkit.browser_guard import own_pages_only
 from morphkit.description import Description
 from morphkit.dressing import geom_colour, visible_geoms
 from morphkit.errors import ConfigError, DependencyError
@@ -313,6 +317,51 @@ def test_a_taken_port_is_an_error(capsys: pytest.CaptureFixture[str]) -> None:
         port = taken.getsockname()[1]
         assert run(["show", "arm", "--web", "--port", str(port)]) == 2
     assert f"port {port} is taken" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def viewer() -> Iterator[BrowserViewer]:
+    pytest.importorskip("viser")
+    with socket.socket() as probe:
+        probe.bind((HOST, 0))
+        port = probe.getsockname()[1]
+    shown = BrowserViewer(load("cheetah_3_balanced"), command=["morphkit"], port=port)
+    yield shown
+    shown.close()
+
+
+@pytest.mark.parametrize(
+    ("origin", "accepted"),
+    [
+        ("http://127.0.0.1:{port}", True),
+        ("http://localhost:9000", True),
+        ("https://example.com", False),
+        ("http://127.0.0.1.example.com", False),
+        ("http://localhost:80@example.com", False),
+        ("null", False),
+        (None, False),
+    ],
+)
+def test_only_pages_from_this_machine_can_connect(viewer: BrowserViewer, origin: str | None, accepted: bool) -> None:
+    from websockets.exceptions import InvalidStatus
+    from websockets.sync.client import connect
+
+    address = urlsplit(viewer.url)
+    protocol = f"viser-v{sys.modules['viser'].__version__}"
+    origin = origin and origin.format(port=address.port)
+    if accepted:
+        with connect(f"ws://{address.netloc}", origin=origin, subprotocols=[protocol], max_size=None) as page:
+            assert page.recv(timeout=10)
+    else:
+        with pytest.raises(InvalidStatus) as refused:
+            connect(f"ws://{address.netloc}", origin=origin, subprotocols=[protocol])
+        assert refused.value.response.status_code == 403
+
+
+def test_a_viser_that_cannot_be_guarded_is_refused() -> None:
+    pytest.importorskip("viser")
+    with pytest.raises(DependencyError, match="other sites"), own_pages_only():
+        pass
 
 
 def test_without_viser_the_message_says_how_to_get_it(
