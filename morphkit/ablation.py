@@ -13,15 +13,16 @@ from pathlib import PurePath
 
 from morphkit.choosing import UNSAFE, choose, wish_name
 from morphkit.cutting import mjcf, urdf
-from morphkit.cutting.expand import MjcfFile, MjcfOpener, open_mjcf
+from morphkit.cutting.expand import MjcfFile, MjcfOpener, given_names, open_mjcf
 from morphkit.cutting.loss import Loss
-from morphkit.cutting.plan import Plan, make_plan
+from morphkit.cutting.plan import make_plan
 from morphkit.cutting.rest import Positions, mjcf_positions, urdf_positions
 from morphkit.cutting.source import Source
 from morphkit.cutting.unused import Uses
 from morphkit.description import Description, RobotInfo
 from morphkit.errors import AblationError
 from morphkit.io import read
+from morphkit.io.urdf_names import name_elements
 from morphkit.mirror import counterparts
 from morphkit.naming import canonical_limb_names
 
@@ -35,7 +36,7 @@ class Variant:
     """A robot that was cut out of another.
 
     Attributes:
-        description: The new robot; its info carries the source's canonical names.
+        description: The new robot; its info carries the source's canonical names and labels.
         removed: Every limb that went with a prune, in file order; also a fixed body whose limb stays.
         spliced: Every limb that went while its children moved up, in file order.
         limbs: The limbs that are left, in file order.
@@ -128,18 +129,19 @@ class Cutter:
         lost: list[Loss] = []
         if description.format == "urdf":
             source = self._urdf.again()
+            given = name_elements(source.root, file=description.file)
             plan = make_plan(morphology, urdf.link_parents(source.root), remove, splice)
             used = Uses(source.root) if drop_assets else None
-            lost += urdf.cut(source.root, plan)
+            lost += urdf.cut(source.root, plan, given)
         else:
             file = self._mjcf.open([*remove, *splice])
             source = file.source
             plan = make_plan(morphology, mjcf.body_parents(file.bodies), remove, splice)
             lost += file.findings
-            if plan.gone:
-                lost += _name_left(file, plan)
             used = Uses(source.root) if drop_assets else None
             lost += mjcf.cut(source.root, file.bodies, plan, file.layout, file.bones)
+            if file.complete:
+                lost += _keep_names(file)
         if used is not None:
             lost += used.drop(source.root)
         gone = plan.gone
@@ -178,7 +180,9 @@ class Cutter:
     def _positions(self) -> Positions:
         base = self.morphology.root.name
         if self.description.format == "urdf":
-            return urdf_positions(self._urdf.root, base)
+            root = self._urdf.again().root
+            name_elements(root, file=self.description.file)
+            return urdf_positions(root, base)
         file = self._mjcf.open([])
         return mjcf_positions(file.source.root, file.bodies, base) if base in file.bodies else {}
 
@@ -192,7 +196,12 @@ class Cutter:
 
     def _info(self, cut: bool) -> RobotInfo:
         info = self.description.info
-        return replace(info, canonical=self._canonical, expert_return=None if cut else info.expert_return)
+        return replace(
+            info,
+            canonical=self._canonical,
+            labels={**info.labels, **self.morphology.labels},
+            expert_return=None if cut else info.expert_return,
+        )
 
     @cached_property
     def _canonical(self) -> dict[str, str]:
@@ -231,11 +240,18 @@ def _file_name(name: str, suffix: str) -> str:
     return safe + suffix
 
 
-def _name_left(file: MjcfFile, plan: Plan) -> list[Loss]:
-    """Write the names of bodies without one into the file: those that it is given count bodies, and would change."""
-    lost = []
-    for name, element in file.bodies.items():
-        if not element.get("name") and name not in plan.gone:
-            element.set("name", name)
-            lost.append(Loss("name", name, "", "the body had no name; it got the one that the source's tokens have"))
+def _keep_names(file: MjcfFile) -> list[Loss]:
+    """Write the names of bodies without one into the file where the reader would now call them something else."""
+    lost: list[Loss] = []
+    name_of = {id(element): name for name, element in file.bodies.items()}
+    left = mjcf.body_elements(file.source.root)
+    changed = True
+    while changed:  # a name that is written can be one that the reader would have given to another body
+        changed = False
+        for element, name in zip(left, given_names(left), strict=True):
+            if name != name_of[id(element)]:
+                element.set("name", name_of[id(element)])
+                reason = "the body had no name; it got the one that the source's tokens have"
+                lost.append(Loss("name", name_of[id(element)], "", reason))
+                changed = True
     return lost

@@ -15,14 +15,18 @@ def declared_readings(morphology: Morphology, *, canonical: bool) -> Iterator[tu
     The name is `<sensor>_<component>`, with the quantity between them where a sensor reads several quantities; with
     `canonical` the sensor is called in plain words.
     """
-    labels = [
-        "_".join(plain(split(sensor.name)).split()) if canonical else sensor.name for sensor in morphology.sensors
-    ]
-    for label, sensor in zip(unique(labels), morphology.sensors, strict=True):
+    _, labels = sensor_labels(morphology, canonical=canonical)
+    for label, sensor in zip(labels, morphology.sensors, strict=True):
         several = len({reading.quantity for reading in sensor.readings}) > 1
         for reading in sensor.readings:
             parts = (label, reading.quantity if several else None, reading.component)
             yield "_".join(part for part in parts if part), sensor, reading
+
+
+def sensor_labels(morphology: Morphology, *, canonical: bool) -> tuple[list[str], list[str]]:
+    """What each declared sensor would be called in token names if there were no other, and what it is called."""
+    alone = ["_".join(plain(split(sensor.name)).split()) if canonical else sensor.name for sensor in morphology.sensors]
+    return alone, unique(alone)
 
 
 def without_scalars(morphology: Morphology) -> tuple[str, ...]:

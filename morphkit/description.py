@@ -23,6 +23,7 @@ class RobotInfo:
         type_words: One group of words a limb type, in the order of the `type_*` tokens.
         type_matched_in: Whether the words are looked for in the limb's body name or in the name of its joint.
         canonical: Raw limb name -> its name in plain words, where the rules of `naming` would not find it.
+        labels: Limb name -> what tokens call it, of limbs whose names read like those of others that were cut off.
         task: Name of the task that the robot is meant for.
         base: How the root is attached to the world, where the file leaves it open.
         healthy_height: Overrides the task's healthy height of the root, m.
@@ -36,6 +37,7 @@ class RobotInfo:
     type_words: tuple[tuple[str, ...], ...] = ()
     type_matched_in: Literal["body", "joint"] = "body"
     canonical: dict[str, str] = field(default_factory=dict)
+    labels: dict[str, str] = field(default_factory=dict)
     task: str | None = None
     base: Base | None = None
     healthy_height: tuple[float, float] | None = None

@@ -11,9 +11,10 @@ import mujoco
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
 from morphkit.io import resolve, xml
-from morphkit.io.attached import locate_models
+from morphkit.io.attached import attach_models
 from morphkit.io.limits import check_mjcf
-from morphkit.io.mjcf import name_elements
+from morphkit.io.mjcf_names import name_elements
+from morphkit.io.urdf_names import name_elements as name_links
 from morphkit.mesh_files import read_for_mujoco
 
 
@@ -38,14 +39,16 @@ def load_spec(description: Description, *, incomplete: set[str] | None = None) -
     """
     tree = xml.parse(description.source, file=description.file)
     references: dict[str, str] = {}
+    models: dict[str, bytes] = {}
     if description.format == "urdf":
+        name_links(tree.getroot(), file=description.file)
         references = _prepare_urdf(tree.getroot())
     else:
         resolve.flatten_includes(tree, description.folder, file=description.file, packages=description.packages)
         check_mjcf(tree.getroot(), file=description.file)
-        locate_models(tree, description)
+        models = attach_models(tree, description)
     try:
-        spec = mujoco.MjSpec.from_string(xml.serialize(tree).decode())
+        spec = mujoco.MjSpec.from_string(xml.serialize(tree).decode(), include=models)
     except ValueError as error:
         raise DescriptionError(f"{description.file}: MuJoCo cannot read it: {error}") from error
     name_elements(spec)

@@ -145,6 +145,7 @@ def _from_json(path: Path, data: Mapping[str, Any]) -> Manifest:
         type_words=tuple(tuple(group) for group in shared["type_words"]),
         type_matched_in=shared["type_matched_in"],
         canonical=dict(shared["canonical"]),
+        labels=dict(shared.get("labels", {})),
         task=data["task"],
         base=base,
         healthy_height=None if height is None else _height(*height),

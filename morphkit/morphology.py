@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 Format = Literal["urdf", "mjcf"]
@@ -109,6 +109,27 @@ class Sensor:
 
 
 @dataclass(frozen=True, slots=True)
+class Origin:
+    """Where the element comes from that a name was given to.
+
+    Attributes:
+        given: The name: unique among elements of its kind.
+        kind: `body`, `link`, `joint`, `actuator` or `sensor`.
+        original: Name that the file has for it; None where it has none. Copies that `replicate` and `attach` make have
+            that of the element copied.
+        where: `file:line`; None where that is not known, as for bodies that `flexcomp` makes.
+        id: Its id in the model that MuJoCo compiles of an MJCF file as it is; of an actuator with several inputs, that
+            of the actuator. None for a URDF.
+    """
+
+    given: str
+    kind: str
+    original: str | None
+    where: str | None
+    id: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Morphology:
     """A robot: limbs in depth-first file order (root first), actuators and declared sensors in file order.
 
@@ -121,6 +142,9 @@ class Morphology:
         family: Name of the family, such as `cheetah`; None for a robot without one.
         task: Name of the task that it is meant for; None where nothing says.
         type_words: One group of words a limb type; the order is that of the one-hot `type_*` tokens.
+        labels: What tokens call limbs whose own names read like others', by limb name; see `naming.numbered_labels`.
+        origins: Where the names of bodies (links), joints, actuators and sensors come from, kind by kind in file order.
+            Where a robot stands in its file does not make it another: they do not count in comparisons.
     """
 
     name: str
@@ -134,6 +158,8 @@ class Morphology:
     limbs: tuple[Limb, ...]
     actuators: tuple[Actuator, ...]
     sensors: tuple[Sensor, ...] = ()
+    labels: Mapping[str, str] = field(default_factory=dict, hash=False)
+    origins: tuple[Origin, ...] = field(default=(), compare=False)
 
     @property
     def root(self) -> Limb:

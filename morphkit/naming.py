@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import difflib
 import fnmatch
+import unicodedata
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from morphkit import vocabulary
 from morphkit.errors import UnknownNameError
 from morphkit.morphology import Limb, Morphology
+
+_UNREAD = ("Mn", "Cc", "Cf")
+_UNREADABLE = ("So", "Sk", "Sm", "Sc", "Co", "Cn", "Cs")
+_SYMBOL = "\ufffd"
 
 
 def limb_type(name: str, type_words: Sequence[Sequence[str]]) -> str | None:
@@ -41,6 +46,13 @@ def canonical_limb_names(morphology: Morphology, given: Mapping[str, str]) -> di
     return {raw: names[raw] for raw in limbs}
 
 
+def renumbered_limbs(morphology: Morphology, given: Mapping[str, str]) -> set[str]:
+    """Raw names of the limbs whose plain words, by the rules, are not those that they would have alone."""
+    prefix = _shared_prefix(morphology)
+    names = canonical_limb_names(morphology, given)
+    return {raw for raw, name in names.items() if raw not in given and name != _plain_name(raw, prefix, ())}
+
+
 def canonical_joint_names(limb: Limb, limb_name: str) -> dict[str, str]:
     """Name the joints of a limb in plain words, without the words that `limb_name` says already.
 
@@ -53,13 +65,31 @@ def canonical_joint_names(limb: Limb, limb_name: str) -> dict[str, str]:
     return dict(zip((joint.name for joint in limb.joints), unique(short if distinct else whole, " "), strict=True))
 
 
+def numbered_labels(limbs: Iterable[str], given: Mapping[str, str]) -> dict[str, str]:
+    """Tell limbs apart whose names read alike to a text encoder, such as `foot` and `Foot`.
+
+    Args:
+        limbs: Names of the limbs in limb order.
+        given: Limb name -> label, of another robot that this one was cut from: cutting one limb never renames another.
+
+    Returns:
+        Limb name -> label, such as `Foot_2`, of the limbs whose label is not their name.
+    """
+    limbs = list(limbs)
+    free = [name for name in limbs if name not in given]
+    kept = {name: given[name] for name in limbs if name in given}
+    labels = kept | dict(zip(free, unique(free, taken=kept.values()), strict=True))
+    return {name: labels[name] for name in limbs if labels[name] != name}
+
+
 def match_limbs(morphology: Morphology, pattern: str) -> list[str]:
     """The limbs, and the links fixed to them, that `pattern` picks.
 
     Args:
         morphology: The robot.
-        pattern: A name; else a glob over names; else a limb type (`foot` picks `bfoot` and `ffoot`), which is a type
-            word of the family or, beside those, a segment in a canonical name.
+        pattern: A name, as given by the reader, or what tokens call it; else a glob over names; else a limb type
+            (`foot` picks `bfoot` and `ffoot`), which is a type word of the family or, beside those, a segment in a
+            canonical name.
 
     Returns:
         Names in file order, at least one.
@@ -70,6 +100,9 @@ def match_limbs(morphology: Morphology, pattern: str) -> list[str]:
     names = [member for limb in morphology.limbs for member in limb.members or (limb.name,)]
     if pattern in names:
         return [pattern]
+    labelled = [name for name, label in morphology.labels.items() if label == pattern]
+    if labelled:
+        return labelled
     picked = fnmatch.filter(names, pattern) or list(_of_type(morphology, pattern)) or _of_segment(names, pattern)
     if not picked:
         limbs = [limb.name for limb in morphology.limbs]
@@ -92,8 +125,25 @@ def did_you_mean(name: str, names: Iterable[str]) -> str:
 
 
 def fold(name: str) -> str:
-    """What an uncased text encoder reads of a name: underscores as spaces, one case."""
-    return " ".join(name.replace("_", " ").split()).casefold()
+    """What an uncased text encoder tells apart of a name.
+
+    As BERT's tokenizer reads it: in one case, without accents and control characters, punctuation as words of its own.
+    Symbols such as emoji, of which no vocabulary has many, all read alike.
+    """
+    if name.isascii() and name.replace("_", "").isalnum():
+        return " ".join(name.replace("_", " ").split()).casefold()
+    words = []
+    for character in unicodedata.normalize("NFD", name.replace("_", " ").casefold()):
+        kind = unicodedata.category(character)
+        if character.isspace():
+            words.append(" ")
+        elif kind[0] == "P" or (character.isascii() and kind[0] == "S"):
+            words.append(f" {character} ")
+        elif kind in _UNREADABLE:
+            words.append(f" {_SYMBOL} ")
+        elif kind not in _UNREAD:
+            words.append(character)
+    return " ".join("".join(words).split())
 
 
 def unique(names: Iterable[str], separator: str = "_", taken: Iterable[str] = ()) -> list[str]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Literal
 
 from morphkit.morphology import Actuator, Joint, Limb, Morphology
-from morphkit.naming import canonical_joint_names, canonical_limb_names, unique
+from morphkit.naming import canonical_joint_names, canonical_limb_names, numbered_labels, unique
 from morphkit.vocabulary import plain, split
 
 Naming = Literal["raw", "canonical"]
@@ -58,13 +58,17 @@ def limb_labels(
     """What each limb is called in token names, by its name in the file."""
     if limb_names == "body" and naming == "canonical":
         return {limb: _underscored(name) for limb, name in canonical_limb_names(morphology, canonical).items()}
-    labels = [
-        limb.joints[0].name if limb_names == "joint" and limb.joints and limb.parent is not None else limb.name
-        for limb in morphology.limbs
-    ]
-    if naming == "canonical":
-        labels = [_underscored(plain(split(label))) for label in labels]
-    return dict(zip((limb.name for limb in morphology.limbs), unique(labels), strict=True))
+    if limb_names == "body":
+        names = [limb.name for limb in morphology.limbs]
+        return dict(zip(names, names, strict=True)) | numbered_labels(names, morphology.labels)
+    labels = unique(label_alone(limb, naming, limb_names) for limb in morphology.limbs)
+    return dict(zip((limb.name for limb in morphology.limbs), labels, strict=True))
+
+
+def label_alone(limb: Limb, naming: Naming, limb_names: str) -> str:
+    """What `limb` would be called in token names if there were no other."""
+    label = limb.joints[0].name if limb_names == "joint" and limb.joints and limb.parent is not None else limb.name
+    return _underscored(plain(split(label))) if naming == "canonical" else label
 
 
 def joint_labels(limb: Limb, naming: Naming, label: str) -> dict[str, str]:

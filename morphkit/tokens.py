@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, fields
 from functools import cached_property
 from typing import Literal, get_args
 
@@ -13,7 +13,7 @@ import numpy as np
 from morphkit import tokens_io
 from morphkit.declared import declared_readings
 from morphkit.errors import ConfigError
-from morphkit.morphology import Base, Format, Morphology
+from morphkit.morphology import Base, Format, Morphology, Origin
 from morphkit.naming import unique
 from morphkit.token_names import (
     VELOCITY_LIMIT,
@@ -23,80 +23,14 @@ from morphkit.token_names import (
     limb_labels,
     limb_scalars,
 )
+from morphkit.token_origins import Named, given_names
+from morphkit.token_records import ActuatorToken, SensorToken, TokenLimb
 
 __all__ = ["VELOCITY_LIMIT", "ActuatorToken", "Naming", "SensorToken", "TokenLimb", "TokenSpec", "tokens"]
-
-SCHEMA_VERSION = 1
 
 SensorChoice = Literal["limb", "declared", "all"]
 _About = tuple[str | None, str, str | None, str, str | None, float | None, float | None]
 """Limb, quantity, component, unit, frame, low and high of a sensor token."""
-
-
-@dataclass(frozen=True, slots=True)
-class SensorToken:
-    """One scalar that a limb or a declared sensor senses.
-
-    Attributes:
-        index: Place in the observation, from 0.
-        name: Name, unique in the robot, such as `ffoot_position_x`.
-        text: What the text encoder reads, unique in the robot, such as `ffoot position x`.
-        limb: Name of the limb in the description file; None for a declared sensor that belongs to no single limb.
-        quantity: `position`, `translational_velocity`, `rotational_velocity`, `exponential_map`, `type`, `angle`,
-            `joint_range_low` or `joint_range_high`; of a declared sensor that of its `Reading`, such as `gyro`.
-        component: `x`, `y` or `z`; `0` to `3` for `type`; None where there is one scalar only.
-        unit: Unit, `1` for a share or a flag.
-        frame: `world` (x positions are relative to the root limb's x), None for scalars without a frame. A declared
-            sensor's is that of its `Reading`, and its x positions are relative to nothing.
-        low: What the value is clipped to from below; None where it is not clipped.
-        high: What the value is clipped to from above; None where it is not clipped.
-    """
-
-    index: int
-    name: str
-    text: str
-    limb: str | None
-    quantity: str
-    component: str | None
-    unit: str
-    frame: str | None
-    low: float | None
-    high: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class ActuatorToken:
-    """One scalar that an actuator accepts.
-
-    Attributes:
-        index: Place in the action and in the simulator's control vector, from 0.
-        name: Name, unique in the robot, such as `ffoot_ctrl`.
-        text: What the text encoder reads, unique in the robot.
-        limb: Name of the limb that it drives; None where it drives no single limb, such as a tendon.
-        joint: Name of the joint that it drives; None where it drives no single joint.
-        unit: Unit of the control.
-        low: Lower bound of the control; None where unbounded.
-        high: Upper bound of the control; None where unbounded.
-    """
-
-    index: int
-    name: str
-    text: str
-    limb: str | None
-    joint: str | None
-    unit: str
-    low: float | None
-    high: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class TokenLimb:
-    """A limb as tokens refer to it: names from the description file, the parent's too, and the family's type word."""
-
-    name: str
-    parent: str | None
-    type: str | None
-    joints: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -115,6 +49,8 @@ class TokenSpec:
         limbs: The limbs, root first.
         sensors: The scalars of an observation.
         actuators: The scalars of an action.
+        given_names: Where the elements come from that the file gives no name, one that others have or read like, or one
+            that `replicate` or `attach` changes. Empty where all names are the file's own.
     """
 
     morphology: str
@@ -128,8 +64,9 @@ class TokenSpec:
     limbs: tuple[TokenLimb, ...]
     sensors: tuple[SensorToken, ...]
     actuators: tuple[ActuatorToken, ...]
+    given_names: tuple[Origin, ...] = ()
 
-    schema_version = SCHEMA_VERSION
+    schema_version = tokens_io.SCHEMA_VERSION
 
     @cached_property
     def token_limb(self) -> np.ndarray:
@@ -148,11 +85,11 @@ class TokenSpec:
 
     def to_json(self) -> str:
         """This specification as JSON, schema version 1; the same robot gives the same bytes."""
-        return tokens_io.to_json(self)
+        return tokens_io.to_json({field.name: getattr(self, field.name) for field in fields(self)})
 
     def to_csv(self) -> str:
         """One row a token, sensors first, under a header; empty fields where there is nothing."""
-        return tokens_io.to_csv(self)
+        return tokens_io.to_csv(self.sensors, self.actuators)
 
     @staticmethod
     def from_json(text: str) -> TokenSpec:
@@ -161,7 +98,7 @@ class TokenSpec:
         Raises:
             DescriptionError: Where the text is no JSON, of another schema version, or lacks a key.
         """
-        return tokens_io.from_json(text)
+        return TokenSpec(**tokens_io.from_json(text))
 
     def _limb_indices(self, names: list[str | None]) -> np.ndarray:
         index: dict[str | None, int] = {limb.name: i for i, limb in enumerate(self.limbs)}
@@ -208,16 +145,27 @@ def tokens(
     labels = limb_labels(morphology, naming, limb_names, canonical or {})
     joints = {limb.name: joint_labels(limb, naming, labels[limb.name]) for limb in morphology.limbs}
     sensed: list[tuple[str, _About]] = []
+    named: list[Named] = []
+    body = "link" if morphology.format == "urdf" else "body"
     if sensors != "declared":
         for limb in morphology.limbs:
             for _, suffix, quantity, component, unit, frame, limit in limb_scalars(limb, joints[limb.name]):
                 name = f"{labels[limb.name]}_{suffix}"
                 sensed.append((name, (limb.name, quantity, component, unit, frame, limit and -limit, limit)))
+                named.append((name, body, limb.name))
     if sensors != "limb":
         for name, sensor, reading in declared_readings(morphology, canonical=naming == "canonical"):
             sensed.append((name, (sensor.limb, *astuple(reading))))
+            named.append((name, "sensor", sensor.name))
     names = unique(name for name, _ in sensed)
-    controls = unique(actuator_names(morphology.actuators, naming, labels, joints), taken=names)
+    named += [
+        (name, "actuator", actuator.name)
+        for name, actuator in zip(
+            actuator_names(morphology.actuators, naming, labels, joints), morphology.actuators, strict=True
+        )
+    ]
+    controls = unique((name for name, _, _ in named[len(names) :]), taken=names)
+    origins = given_names(morphology, naming, limb_names, canonical or {}, zip([*names, *controls], named, strict=True))
 
     def text(name: str) -> str:
         return name.replace("_", " ") if text_style == "words" else name
@@ -243,6 +191,7 @@ def tokens(
             ActuatorToken(i, name, text(name), a.limb, a.joint, a.unit, _finite(a.low), _finite(a.high))
             for i, (name, a) in enumerate(zip(controls, morphology.actuators, strict=True))
         ),
+        given_names=origins,
     )
 
 

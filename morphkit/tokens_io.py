@@ -5,14 +5,15 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from morphkit.errors import DescriptionError
+from morphkit.morphology import Origin
+from morphkit.token_records import ActuatorToken, SensorToken, TokenLimb
 
-if TYPE_CHECKING:
-    from morphkit.tokens import TokenSpec
+SCHEMA_VERSION = 1
 
 _Record = TypeVar("_Record")
 
@@ -20,31 +21,31 @@ _COLUMNS = (
     *("kind", "index", "name", "text", "limb", "joint", "quantity", "component", "unit", "frame", "low", "high"),
 )
 
+_SOURCE = ("file", "format", "sha256")
+_ABOUT = ("naming", "family", "task", "base")
 
-def to_json(spec: TokenSpec) -> str:
-    """The specification as JSON: keys in the order of the schema, two spaces of indent, a newline at the end."""
+
+def to_json(spec: Mapping[str, Any]) -> str:
+    """The fields of a `TokenSpec` as JSON: keys in the order of the schema, indented by two, a newline at the end."""
     document = {
-        "schema_version": spec.schema_version,
-        "morphology": spec.morphology,
-        "source": {"file": spec.file, "format": spec.format, "sha256": spec.sha256},
-        "naming": spec.naming,
-        "family": spec.family,
-        "task": spec.task,
-        "base": spec.base,
-        "limbs": [_as_dict(limb) for limb in spec.limbs],
-        "sensors": [_as_dict(sensor) for sensor in spec.sensors],
-        "actuators": [_as_dict(actuator) for actuator in spec.actuators],
+        "schema_version": SCHEMA_VERSION,
+        "morphology": spec["morphology"],
+        "source": {key: spec[key] for key in _SOURCE},
+        **{key: spec[key] for key in _ABOUT},
+        **{key: [_as_dict(each) for each in spec[key]] for key in ("limbs", "sensors", "actuators")},
     }
+    if spec["given_names"]:
+        document["given_names"] = [_as_dict(each) for each in spec["given_names"]]
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def to_csv(spec: TokenSpec) -> str:
+def to_csv(sensors: Sequence[SensorToken], actuators: Sequence[ActuatorToken]) -> str:
     """One row a token under a header, sensors first; `ctrl` is the quantity of an actuator."""
     output = io.StringIO()
     writer = csv.DictWriter(output, _COLUMNS, restval="", lineterminator="\n")
     writer.writeheader()
-    writer.writerows({"kind": "sensor", **_as_dict(sensor)} for sensor in spec.sensors)
-    writer.writerows({"kind": "actuator", "quantity": "ctrl", **_as_dict(actuator)} for actuator in spec.actuators)
+    writer.writerows({"kind": "sensor", **_as_dict(sensor)} for sensor in sensors)
+    writer.writerows({"kind": "actuator", "quantity": "ctrl", **_as_dict(actuator)} for actuator in actuators)
     return output.getvalue()
 
 
@@ -53,14 +54,15 @@ def _as_dict(record: Any) -> dict[str, Any]:
     return {name: getattr(record, name) for name in record.__slots__}
 
 
-def from_json(text: str) -> TokenSpec:
+def from_json(text: str) -> dict[str, Any]:
     """Read the JSON of a token specification.
+
+    Returns:
+        The fields of a `TokenSpec`.
 
     Raises:
         DescriptionError: Where the text is no JSON, of another schema version, lacks a key or contradicts itself.
     """
-    from morphkit.tokens import SCHEMA_VERSION, ActuatorToken, SensorToken, TokenLimb, TokenSpec
-
     try:
         document = json.loads(text)
     except ValueError as error:
@@ -79,14 +81,16 @@ def from_json(text: str) -> TokenSpec:
     sensors = [_record(SensorToken, item, f"sensors[{i}]") for i, item in enumerate(_list(document, "sensors"))]
     actuators = [_record(ActuatorToken, item, f"actuators[{i}]") for i, item in enumerate(_list(document, "actuators"))]
     _check_references({limb.name for limb in limbs}, sensors=sensors, actuators=actuators)
-    return TokenSpec(
-        morphology=_get(document, "morphology", ""),
-        **{key: _get(source, key, "source") for key in ("file", "format", "sha256")},
-        **{key: _get(document, key, "") for key in ("naming", "family", "task", "base")},
-        limbs=tuple(limbs),
-        sensors=tuple(SensorToken(**sensor) for sensor in sensors),
-        actuators=tuple(ActuatorToken(**actuator) for actuator in actuators),
-    )
+    given = _list(document, "given_names") if "given_names" in document else []
+    return {
+        "morphology": _get(document, "morphology", ""),
+        **{key: _get(source, key, "source") for key in _SOURCE},
+        **{key: _get(document, key, "") for key in _ABOUT},
+        "limbs": tuple(limbs),
+        "sensors": tuple(SensorToken(**sensor) for sensor in sensors),
+        "actuators": tuple(ActuatorToken(**actuator) for actuator in actuators),
+        "given_names": tuple(Origin(**_record(Origin, item, f"given_names[{i}]")) for i, item in enumerate(given)),
+    }
 
 
 def _record(cls: type[_Record], item: Any, where: str) -> dict[str, Any]:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import posixpath
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import mujoco
 from lxml import etree
 
+from morphkit.assets import mentions
 from morphkit.cutting.keyframes import Layout
 from morphkit.cutting.loss import Loss
 from morphkit.cutting.mjcf import body_elements
@@ -19,7 +22,8 @@ from morphkit.cutting.skins import bone_names
 from morphkit.cutting.source import Source
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
-from morphkit.io.mjcf import name_elements
+from morphkit.io.attached import attach_models
+from morphkit.io.mjcf_names import body_names, name_elements
 from morphkit.io.resolve import flatten_includes, locate
 from morphkit.io.xml import parse, read_limited, serialize
 
@@ -33,6 +37,7 @@ class MjcfFile:
     Attributes:
         source: The file, includes flattened.
         bodies: Element of each body, by the name that the reader gives it, in file order.
+        complete: Whether `bodies` are all that there are: nothing in the file makes others.
         layout: That of its keyframes.
         bones: The bodies that its skin files name.
         findings: What had to be done to the file before it could be cut.
@@ -40,6 +45,7 @@ class MjcfFile:
 
     source: Source
     bodies: dict[str, Any]
+    complete: bool
     layout: Layout
     bones: Bones
     findings: tuple[Loss, ...]
@@ -91,13 +97,13 @@ class _Shared:
     def __init__(self, description: Description, partial: bool) -> None:
         self._source = Source(description.source, file=description.file)
         self._description = description
+        self._partial = partial
         self._layout: Layout | None = None
         self._bones = _bones(self._source.root, description)
         elements = body_elements(self._source.root)
         self._names = [element.get("name") or None for element in elements]
         if None in self._names and not partial:
-            self._names = [body.name for body in _parse_spec(description).bodies[1:]]
-            assert len(self._names) == len(elements)
+            self._names = [*given_names(elements)]
 
     def open(self, findings: tuple[Loss, ...]) -> MjcfFile:
         if self._layout is None:
@@ -105,7 +111,27 @@ class _Shared:
         source = self._source.again()
         elements = zip(self._names, body_elements(source.root), strict=True)
         bodies = {name: element for name, element in elements if name is not None}
-        return MjcfFile(source, bodies, self._layout, self._bones, findings)
+        return MjcfFile(source, bodies, not self._partial, self._layout, self._bones, findings)
+
+
+def given_names(bodies: Sequence[Any]) -> list[str]:
+    """Names of `<body>` elements, all of a file that nothing expands, as the reader gives them."""
+    index = {id(body): number for number, body in enumerate(bodies)}
+    rows = []
+    for body in bodies:
+        above = next(body.iterancestors("body"), None)
+        rows.append((body.get("name") or None, None if above is None else index[id(above)], _first_joint(body)))
+    return body_names(rows)
+
+
+def _first_joint(body: Any) -> str | None:
+    """Name of the first joint of a body, or of the frames in it, that has one."""
+    for child in body:
+        name = child.get("name") if child.tag in ("joint", "freejoint") else None
+        name = name or (_first_joint(child) if child.tag == "frame" else None)
+        if name:
+            return str(name)
+    return None
 
 
 def open_mjcf(description: Description, wanted: Sequence[str]) -> MjcfFile:
@@ -144,7 +170,7 @@ def _write_out(description: Description) -> bytes:
     spec.compiler.savecanonical = False
     try:
         spec.compile()
-        return str(spec.to_xml()).encode()
+        return _inner_paths(str(spec.to_xml()).encode(), description)
     except (ValueError, RuntimeError) as error:
         raise AssetError(
             f"{description.file}: limbs made by replicate or attach can only be cut in MuJoCo's output, and MuJoCo"
@@ -155,8 +181,26 @@ def _write_out(description: Description) -> bytes:
 def _parse_spec(description: Description) -> mujoco.MjSpec:
     """The model as MuJoCo parses it, every body named as the reader names it."""
     tree = parse(description.source, file=description.file)
-    for model in tree.iterfind("asset/model[@file]"):
-        model.set("file", str(locate(model.get("file") or "", description)))
-    spec = mujoco.MjSpec.from_string(etree.tostring(tree.getroot(), encoding="unicode"))
+    models = attach_models(tree, description)
+    spec = mujoco.MjSpec.from_string(etree.tostring(tree.getroot(), encoding="unicode"), include=models)
     name_elements(spec)
     return spec
+
+
+def _inner_paths(source: bytes, description: Description) -> bytes:
+    """Call the files of attached models, which `attach_models` calls by their whole paths, as seen from the folder."""
+    tree = parse(source, file=description.file)
+    root = tree.getroot()
+    named = list(mentions(root))
+    if description.folder is None or not any(posixpath.isabs(each.reference) for each in named):
+        return source
+    for each in named:
+        path = each.reference
+        if posixpath.isabs(path) and Path(path).is_relative_to(description.folder.resolve()):
+            path = Path(os.path.relpath(path, description.folder.resolve())).as_posix()
+        each.element.set(each.attribute, path)
+    for compiler in root.iterfind("compiler"):
+        for attribute in ("meshdir", "texturedir", "assetdir", "strippath"):
+            if attribute in compiler.attrib:
+                del compiler.attrib[attribute]
+    return serialize(tree)

@@ -10,6 +10,7 @@ from morphkit.cutting.loss import Loss
 from morphkit.cutting.plan import Plan
 from morphkit.cutting.tidy import detach, lift
 from morphkit.cutting.urdf_references import Removed, prune_references
+from morphkit.io.urdf_names import Given, take_back
 
 
 def link_parents(root: Any) -> dict[str, str | None]:
@@ -35,8 +36,17 @@ def ends(joint: Any) -> tuple[str, str]:
     return joint.find("parent").get("link", ""), joint.find("child").get("link", "")
 
 
-def cut(root: Any, plan: Plan) -> list[Loss]:
-    """Edit the tree below the `<robot>` element in place; return what went beside the links themselves."""
+def cut(root: Any, plan: Plan, given: Given) -> list[Loss]:
+    """Edit the tree below the `<robot>` element in place.
+
+    Args:
+        root: The `<robot>` element, its links and joints named as the reader names them.
+        plan: What goes.
+        given: Those names, which are taken back.
+
+    Returns:
+        What went beside the links themselves.
+    """
     removed: Removed = {}
     lost: list[Loss] = []
     joint_of = {ends(joint)[1]: joint for joint in root.iterfind("joint")}
@@ -55,6 +65,7 @@ def cut(root: Any, plan: Plan) -> list[Loss]:
         kind = str(element.tag)
         if (kind, element.get("name", "")) in removed and not any(element is joint for joint in moved):
             detach(element)
+    take_back(given)
     lost += prune_references(root, removed)
     return lost
 

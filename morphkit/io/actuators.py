@@ -12,7 +12,7 @@ from morphkit.errors import DescriptionError
 from morphkit.io.common import nearest
 from morphkit.morphology import Actuator
 
-Where = Callable[[str], str]
+Where = Callable[[str, str], str]
 _TRN = mujoco.mjtTrn
 _INPUT = mujoco.mjtCtrlInput
 _INPUTS = {
@@ -35,8 +35,10 @@ _ANGULAR = {"force": "N*m", "position": "rad", "velocity": "rad/s"}
 _LINEAR = {"force": "N", "position": "m", "velocity": "m/s"}
 
 
-def read_actuators(spec: mujoco.MjSpec, limb_of: Mapping[str, str], where: Where) -> tuple[Actuator, ...]:
-    """Return the control inputs of a parsed model, in file order.
+def read_actuators(
+    spec: mujoco.MjSpec, limb_of: Mapping[str, str], where: Where
+) -> tuple[tuple[Actuator, ...], tuple[str, ...]]:
+    """Return the control inputs of a parsed model, in file order, and the name of the actuator that each is of.
 
     An actuator with several inputs, such as `pid`, counts once an input. Actuators that drive only what lies outside
     the robot (another top-level body) are left out.
@@ -44,18 +46,20 @@ def read_actuators(spec: mujoco.MjSpec, limb_of: Mapping[str, str], where: Where
     Args:
         spec: The parsed model; its bodies, joints and actuators are all named.
         limb_of: Body name -> limb name, for the bodies of the robot.
-        where: `info` of an element -> `file:line`, for messages.
+        where: Kind and name of an element -> `file:line`, for messages.
 
     Raises:
         DescriptionError: An actuator drives a joint, site, body or tendon that does not exist.
     """
     found: list[Actuator] = []
+    elements: list[str] = []
     for actuator in spec.actuators:
         joint, body = _target(spec, actuator, where)
         if body is not None and body not in limb_of:
             continue
         limb = limb_of[body] if body is not None else None
         for suffix, quantity, (low, high) in _inputs(spec, actuator, joint):
+            elements.append(actuator.name)
             found.append(
                 Actuator(
                     name=actuator.name + suffix,
@@ -66,7 +70,7 @@ def read_actuators(spec: mujoco.MjSpec, limb_of: Mapping[str, str], where: Where
                     unit=_unit(actuator, joint, quantity),
                 )
             )
-    return tuple(found)
+    return tuple(found), tuple(elements)
 
 
 def _target(spec: mujoco.MjSpec, actuator: Any, where: Where) -> tuple[Any | None, str | None]:
@@ -90,7 +94,8 @@ def _target(spec: mujoco.MjSpec, actuator: Any, where: Where) -> tuple[Any | Non
     }.get(kind, ("joint", spec.joints))
     hint = nearest(name, [element.name for element in known])
     raise DescriptionError(
-        f"{where(actuator.info)}: actuator {actuator.name!r} drives {what} {name!r}, which does not exist{hint}"
+        f"{where('actuator', actuator.name)}: actuator {actuator.name!r} drives {what} {name!r}, which does not"
+        f" exist{hint}"
     )
 
 

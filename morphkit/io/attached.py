@@ -1,30 +1,55 @@
-"""The models that an MJCF file attaches: MuJoCo opens them itself while it parses, so they are looked at first."""
+"""The models that an MJCF file attaches: read and checked here, and handed to MuJoCo with every path written out.
+
+MuJoCo would open them itself while it parses, follow without end those that attach each other, and forget which folder
+the files of each start in.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 from lxml import etree
 
+from morphkit.assets import mentions
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
 from morphkit.io import xml
 from morphkit.io.limits import check_mjcf
+from morphkit.io.places import Places
 from morphkit.io.resolve import flatten_includes, locate
 
+_FOLDERS = ("meshdir", "texturedir", "assetdir", "strippath")
 
-def locate_models(tree: etree._ElementTree, description: Description) -> None:
-    """Make the paths of models to attach absolute, in place, and check those models and all that they attach.
+
+def attach_models(tree: etree._ElementTree, description: Description, places: Places | None = None) -> dict[str, bytes]:
+    """Take the place of MuJoCo in opening the models that a model attaches, and that those attach.
+
+    Args:
+        tree: The parsed model, includes flattened. Its references to models are renamed, in place, to the keys of the
+            result.
+        description: Its description.
+        places: Receives where the elements of those models stand.
+
+    Returns:
+        The models for `MjSpec.from_string(..., include=...)`: includes flattened, and each mesh, texture, height field
+        and skin called by its whole path, as the folder and the compiler settings of its own model have it.
 
     Raises:
         AssetError: One of them, or a file that it includes, is missing or may not be read.
         DescriptionError: One is no MJCF, breaks a limit, or attaches itself: MuJoCo would not survive that.
     """
-    _follow(tree, description, ())
+    models: dict[str, bytes] = {}
+    _follow(tree, description, (), models, places)
+    return models
 
 
-def _follow(tree: etree._ElementTree, description: Description, above: tuple[Path, ...]) -> None:
+def _follow(
+    tree: etree._ElementTree,
+    description: Description,
+    above: tuple[Path, ...],
+    models: dict[str, bytes],
+    places: Places | None,
+) -> None:
     for model in tree.iterfind("asset/model[@file]"):
         where = f"{description.file}:{model.sourceline}"
         try:
@@ -33,18 +58,25 @@ def _follow(tree: etree._ElementTree, description: Description, above: tuple[Pat
             raise AssetError(f"{where}: {error}") from None
         if path in above:
             raise DescriptionError(f"{where}: {path.name} attaches itself, through {abridged_path(above, path)}")
-        model.set("file", str(path))
         try:
             source = xml.read_limited(path)
         except OSError as error:
             raise AssetError(f"{where}: {path} cannot be read: {error.strerror}") from None
         part = xml.parse(source, file=path.name)
-        if xml.root_format(part, file=path.name) != "mjcf":
-            continue  # MuJoCo attaches a URDF too, which includes and attaches nothing
-        nested = replace(description, file=path.name, source=source)
-        flatten_includes(part, path.parent, file=path.name, packages=_readable(description))
-        check_mjcf(part.getroot(), file=path.name)
-        _follow(part, replace(nested, folder=path.parent, packages=_readable(description)), (*above, path))
+        form = xml.root_format(part, file=path.name)
+        nested = Description(path.stem, path.name, form, source, path.parent, packages=readable(description))
+        if form == "mjcf":
+            read = places.own if places is not None else None
+            flatten_includes(part, path.parent, file=path.name, packages=nested.packages, read=read)
+            check_mjcf(part.getroot(), file=path.name)
+            _follow(part, nested, (*above, path), models, places)
+        _write_out_paths(part.getroot(), nested)
+        name = f"{len(models)}_{path.name}"
+        text = etree.tostring(part.getroot(), encoding="unicode")
+        models[name] = text.encode()
+        model.set("file", name)
+        if places is not None:
+            places.add(part.getroot(), text, path.name, main=False)
 
 
 def abridged_path(above: tuple[Path, ...], end: Path) -> str:
@@ -52,7 +84,29 @@ def abridged_path(above: tuple[Path, ...], end: Path) -> str:
     return " -> ".join(path.name for path in (*above[above.index(end) :], end))
 
 
-def _readable(description: Description) -> dict[str, Path]:
+def readable(description: Description) -> dict[str, Path]:
     """The packages and the robot's own folder, which models in folders below may refer to."""
     own = {} if description.folder is None else {"": description.folder.resolve()}
     return {**own, **description.packages}
+
+
+def _write_out_paths(root: etree._Element, part: Description) -> None:
+    assert part.folder is not None
+    for each in list(mentions(root)):
+        if each.element.tag == "model":
+            continue
+        name = str(each.element.get(each.attribute))
+        if part.format == "urdf":
+            try:
+                target = str(locate(name, part))
+            except AssetError:
+                continue  # a missing mesh is for those to complain about who need it
+        else:
+            target = str(part.folder / each.reference)
+        each.element.set(each.attribute, target)
+    for compiler in root.iter("compiler"):
+        for attribute in _FOLDERS:
+            if attribute in compiler.attrib:
+                del compiler.attrib[attribute]
+        if part.format == "urdf":
+            compiler.set("strippath", "false")

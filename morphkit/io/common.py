@@ -46,13 +46,28 @@ class Names:
         return candidate
 
 
+def give_names(originals: Sequence[str | None], calls: Sequence[str]) -> list[str]:
+    """A name of its own for each of several elements: its original one, else what `calls` says.
+
+    A number is added where that is taken. Of elements that share a name the first keeps it; no given name takes one
+    that stands in the file.
+    """
+    names = Names(original for original in originals if original)
+    kept: set[str] = set()
+    found = []
+    for original, call in zip(originals, calls, strict=True):
+        found.append(original if original and original not in kept else names.give(original or call))
+        kept.add(original or "")
+    return found
+
+
 def nearest(name: str, names: Iterable[str]) -> str:
     """Return `; did you mean 'x'?` for the name closest to `name`, or nothing; of many names the first are compared."""
     close = difflib.get_close_matches(name[:_COMPARED], islice(names, _MANY), n=1)
     return f"; did you mean {close[0]!r}?" if close else ""
 
 
-def choose_root(roots: Sequence[str], wanted: str | None, *, file: str, element: str) -> str:
+def choose_root(roots: Sequence[str], wanted: str | None, *, file: str, element: str, notes: Sequence[str] = ()) -> str:
     """Return the root to take.
 
     Args:
@@ -60,6 +75,7 @@ def choose_root(roots: Sequence[str], wanted: str | None, *, file: str, element:
         wanted: `Description.root`.
         file: What the file is called in messages.
         element: `body` or `link`.
+        notes: What else there is to say of them where one has to be chosen.
 
     Raises:
         UnknownNameError: `wanted` is not among them.
@@ -75,6 +91,6 @@ def choose_root(roots: Sequence[str], wanted: str | None, *, file: str, element:
     if len(roots) > 1:
         raise DescriptionError(
             f"{file}: {len(roots)} top-level {element} elements, expected one: {listed}. Say which with --root NAME,"
-            " or join them"
+            " or join them" + "".join(f"\n  {note}" for note in notes)
         )
     return roots[0]

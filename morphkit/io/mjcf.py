@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -14,12 +15,15 @@ from morphkit.description import Description
 from morphkit.errors import DescriptionError
 from morphkit.io import xml
 from morphkit.io.actuators import Where, is_limited, joint_range, read_actuators
-from morphkit.io.attached import locate_models
-from morphkit.io.common import Names, choose_root, limb_type
+from morphkit.io.attached import attach_models
+from morphkit.io.common import choose_root, limb_type
 from morphkit.io.limits import check_mjcf
+from morphkit.io.mjcf_names import name_with_origins
+from morphkit.io.places import Places
 from morphkit.io.resolve import flatten_includes
 from morphkit.io.sensors import read_sensors
-from morphkit.morphology import Base, Joint, JointKind, Limb, Morphology
+from morphkit.morphology import Actuator, Base, Joint, JointKind, Limb, Morphology, Origin
+from morphkit.naming import numbered_labels
 
 _KINDS: dict[Any, JointKind] = {
     mujoco.mjtJoint.mjJNT_HINGE: "hinge",
@@ -43,7 +47,7 @@ def read_mjcf(description: Description) -> Morphology:
         UnknownNameError: `description.root` is no top-level body.
     """
     file, info = description.file, description.info
-    spec, where = _parse(description)
+    spec, origins, where = _parse(description)
     tops = spec.worldbody.bodies
     if not tops:
         raise DescriptionError(f"{file}: no <body> in <worldbody>; a robot needs at least one")
@@ -62,6 +66,7 @@ def read_mjcf(description: Description) -> Morphology:
         joints = () if parent is None else tuple(_joint(spec, joint) for joint in joints_of[name])
         kind = limb_type(info, name, [joint.name for joint in joints])
         limbs.append(Limb(name=name, parent=parent, joints=joints, members=tuple(members[name]), type=kind))
+    actuators, driven_by = read_actuators(spec, limb_of, where)
     return Morphology(
         name=description.name,
         file=file,
@@ -72,58 +77,48 @@ def read_mjcf(description: Description) -> Morphology:
         task=info.task,
         type_words=info.type_words,
         limbs=tuple(limbs),
-        actuators=read_actuators(spec, limb_of, where),
+        actuators=actuators,
         sensors=read_sensors(spec, limb_of),
+        labels=numbered_labels(parents, info.labels),
+        origins=_of_inputs(origins, actuators, driven_by),
     )
 
 
-def _parse(description: Description) -> tuple[mujoco.MjSpec, Where]:
-    """Return the parsed model, everything named, and what turns an element's `info` into `file:line`."""
+def _of_inputs(
+    origins: tuple[Origin, ...], actuators: Iterable[Actuator], elements: Iterable[str]
+) -> tuple[Origin, ...]:
+    """The origins, with one for each control input in the place of the actuators'."""
+    others = [origin for origin in origins if origin.kind != "actuator"]
+    own = {origin.given: origin for origin in origins if origin.kind == "actuator"}
+    inputs = [replace(own[name], given=actuator.name) for actuator, name in zip(actuators, elements, strict=True)]
+    return (*others, *inputs)
+
+
+def _parse(description: Description) -> tuple[mujoco.MjSpec, tuple[Origin, ...], Where]:
+    """Return the parsed model, everything named, where its names come from, and what says where an element stands."""
     file = description.file
     tree = xml.parse(description.source, file=file)
     if xml.root_format(tree, file=file) != "mjcf":
         raise DescriptionError(f"{file}:{tree.getroot().sourceline}: a URDF file, expected MJCF")
     check_mjcf(tree.getroot(), file=file)
-    edited = next(tree.iter("include", "model"), None) is not None  # then MuJoCo's line numbers are not the file's
-    if edited:
-        flatten_includes(tree, description.folder, file=file, packages=description.packages)
+    places = Places(file, tree.getroot())
+    models: dict[str, bytes] = {}
+    if next(tree.iter("include", "model"), None) is not None:
+        flatten_includes(tree, description.folder, file=file, packages=description.packages, read=places.own)
         check_mjcf(tree.getroot(), file=file)
-        locate_models(tree, description)
+        models = attach_models(tree, description, places)
         text = etree.tostring(tree.getroot(), encoding="unicode")
     else:
         text = xml.decode(description.source, tree)
-
-    def where(info: str) -> str:
-        line = re.search(r"line (\d+)", info or "")
-        return f"{file}:{line[1]}" if line and not edited else file
-
+    places.add(tree.getroot(), text, file, main=True)
     try:
-        spec = mujoco.MjSpec.from_string(text)
+        spec = mujoco.MjSpec.from_string(text, include=models)
     except Exception as error:
         reason = " ".join(re.sub(r"(XML )?Error:", "", str(error)).split())
-        raise DescriptionError(f"{where(str(error))}: MuJoCo does not accept this MJCF: {reason}") from None
-    name_elements(spec)
-    return spec, where
-
-
-def name_elements(spec: mujoco.MjSpec) -> None:
-    """Give every unnamed body, joint and actuator of `spec` its deterministic name, in place.
-
-    A body is called `body_<id>` by its id in the compiled model, a joint `<body>_joint`, an actuator after what it
-    drives; a number is added where the name is taken.
-    """
-    names = Names(body.name for body in spec.bodies)
-    for number, body in enumerate(spec.bodies):
-        if not body.name:
-            body.name = names.give(f"body_{number}")
-    names = Names(joint.name for joint in spec.joints)
-    for joint in spec.joints:
-        if not joint.name:
-            joint.name = names.give(f"{joint.parent.name}_joint")
-    names = Names(actuator.name for actuator in spec.actuators)
-    for actuator in spec.actuators:
-        if not actuator.name:
-            actuator.name = names.give(actuator.target or "actuator")
+        raise DescriptionError(f"{places.of_message(str(error))}: MuJoCo does not accept this MJCF: {reason}") from None
+    origins = name_with_origins(spec, places)
+    stands = {(origin.kind, origin.given): origin.where for origin in origins}
+    return spec, origins, lambda kind, name: stands.get((kind, name)) or file
 
 
 def subtree(root: Any) -> Iterator[Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from urllib.parse import unquote
@@ -89,6 +89,7 @@ def flatten_includes(
     *,
     file: str = "model",
     packages: Mapping[str, Path] = _NO_PACKAGES,
+    read: Callable[[etree._Element, Path], None] | None = None,
 ) -> etree._ElementTree:
     """Replace every MJCF `<include file="..."/>` by what stands in that file, in place.
 
@@ -99,6 +100,7 @@ def flatten_includes(
         folder: The folder of the main file.
         file: What the main file is called in messages.
         packages: Further folders that included files may lie in.
+        read: Is told the root element and the path of each included file, before its elements move.
 
     Returns:
         `tree`, without includes.
@@ -131,6 +133,8 @@ def flatten_includes(
             part = parse(read_limited(path), file=path.name).getroot()
         except OSError as error:
             raise AssetError(f"{where}: {path} cannot be read: {error.strerror}") from None
+        if read is not None:
+            read(part, path)
         children = list(part)
         _replace(element, part)
         for child in children:

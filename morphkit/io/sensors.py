@@ -9,8 +9,8 @@ from typing import Any
 
 import mujoco
 
-from morphkit.io.common import Names
 from morphkit.io.limits import READINGS
+from morphkit.io.mjcf_names import sensor_kind
 from morphkit.morphology import Reading, Sensor
 
 _OBJ = mujoco.mjtObj
@@ -83,20 +83,18 @@ def read_sensors(spec: mujoco.MjSpec, limb_of: Mapping[str, str]) -> tuple[Senso
     has none here.
 
     Args:
-        spec: The parsed model; its bodies, joints and actuators are all named.
+        spec: The parsed model; its bodies, joints, actuators and sensors are all named.
         limb_of: Body name -> limb name, for the bodies of the robot.
     """
     found = []
-    names = Names(sensor.name for sensor in spec.sensors)
     for sensor in spec.sensors:
-        kind = sensor.type.name.removeprefix("mjSENS_").lower()
+        kind = sensor_kind(sensor)
         body = _body_of(spec, sensor.objtype, sensor.objname)
         if body is not None and body not in limb_of and body != "world":
             continue
-        name = sensor.name or names.give("_".join(part for part in (kind, sensor.objname) if part))
         limb = limb_of.get(body) if body is not None else None
         readings = tuple(islice(_readings(spec, sensor, kind), READINGS + 1))
-        found.append(Sensor(name, kind, limb, readings if len(readings) <= READINGS else ()))
+        found.append(Sensor(sensor.name, kind, limb, readings if len(readings) <= READINGS else ()))
     return tuple(found)
 
 

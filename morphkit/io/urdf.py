@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import io
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from lxml import etree
@@ -13,11 +13,13 @@ from lxml import etree
 from morphkit.description import Description
 from morphkit.errors import DescriptionError
 from morphkit.io import xml
-from morphkit.io.common import Names, choose_root, limb_type
+from morphkit.io.common import choose_root, give_names, limb_type
 from morphkit.io.limits import check_count
 from morphkit.io.urdf_checks import check_urdf
+from morphkit.io.urdf_names import name_elements
 from morphkit.io.urdf_sensors import read_sensors
-from morphkit.morphology import Actuator, Base, Joint, JointKind, Limb, Morphology
+from morphkit.morphology import Actuator, Base, Joint, JointKind, Limb, Morphology, Origin
+from morphkit.naming import numbered_labels
 
 WORLD = "world"
 _KINDS: dict[str, JointKind] = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "spherical": "ball"}
@@ -36,8 +38,8 @@ def read_urdf(description: Description) -> Morphology:
     Actuators come from the transmissions; without any, each joint with an effort limit that mimics no other has one.
 
     Raises:
-        DescriptionError: Not a URDF, a link or joint that is missing, named twice or in a cycle, several roots and no
-            `description.root`; the message says in which line.
+        DescriptionError: Not a URDF, a link or joint that is missing or in a cycle, a reference to one of several of
+            one name, several roots and no `description.root`; the message says in which line.
         UnknownNameError: `description.root` is no root link.
     """
     file, info = description.file, description.info
@@ -45,18 +47,21 @@ def read_urdf(description: Description) -> Morphology:
     if xml.root_format(tree, file=file) != "urdf":
         raise DescriptionError(f"{file}:{tree.getroot().sourceline}: an MJCF file, expected URDF")
     check_count(tree.getroot(), "link", file=file)
+    given = [origin for _, origin in name_elements(tree.getroot(), file=file)]
     roots = check_urdf(tree, file=file)
     robot = _robot(tree, file)
     below: dict[str, list[Any]] = {}
     for joint in robot.joints:
         below.setdefault(joint.parent, []).append(joint)
-    root, attachment = _root(roots, below, description)
+    root, attachment = _root(roots, below, description, given)
     limbs, limb_of, limb_joints = _limbs(root, below, description)
     base: Base = "fixed"
     if attachment is not None and attachment.type in _BASES:
         base = _BASES[attachment.type]
     elif attachment is not None and attachment.type != "fixed":
         limb_joints[attachment.name] = (root, _joints(attachment, file)[0])
+    actuators, driving = _actuators(tree, robot, limb_joints, file)
+    sensors, sensing = read_sensors(tree, limb_of, file=file)
     return Morphology(
         name=description.name,
         file=file,
@@ -67,8 +72,10 @@ def read_urdf(description: Description) -> Morphology:
         task=info.task,
         type_words=info.type_words,
         limbs=limbs,
-        actuators=_actuators(tree, robot, limb_joints),
-        sensors=tuple(read_sensors(tree, limb_of)),
+        actuators=actuators,
+        sensors=sensors,
+        labels=numbered_labels([limb.name for limb in limbs], info.labels),
+        origins=(*given, *driving, *sensing),
     )
 
 
@@ -90,11 +97,24 @@ def _robot(tree: etree._ElementTree, file: str) -> Any:
         raise DescriptionError(f"{file}: cannot be read as URDF: {error}") from error
 
 
-def _root(roots: tuple[str, ...], below: dict[str, list[Any]], description: Description) -> tuple[str, Any | None]:
+def _root(
+    roots: tuple[str, ...], below: dict[str, list[Any]], description: Description, given: Iterable[Origin]
+) -> tuple[str, Any | None]:
     """Return the root limb's link and the joint that attaches it to a `world` link, if any."""
     joint_to = {joint.child: joint for joint in below.get(WORLD, ())} if WORLD in roots else {}
     tops = [name for root in roots for name in (joint_to if root == WORLD and joint_to else (root,))]
-    root = choose_root(tops, description.root, file=description.file, element="link")
+    strays = [each for each in given if each.kind == "link" and each.given != each.original and each.given in tops]
+    root = choose_root(
+        tops,
+        description.root,
+        file=(strays[0].where if strays else None) or description.file,
+        element="link",
+        notes=[
+            f"{each.given} is {f'another link called {each.original!r}' if each.original else 'a link without a name'},"
+            f" at {each.where}; no joint refers to it"
+            for each in strays
+        ],
+    )
     return root, joint_to.get(root)
 
 
@@ -154,20 +174,25 @@ def _joints(joint: Any, file: str) -> tuple[Joint, ...]:
     return (Joint(joint.name, _KINDS[joint.type], limited, low, high),)
 
 
-def _actuators(tree: etree._ElementTree, robot: Any, limb_joints: dict[str, tuple[str, Joint]]) -> tuple[Actuator, ...]:
+def _actuators(
+    tree: etree._ElementTree, robot: Any, limb_joints: dict[str, tuple[str, Joint]], file: str
+) -> tuple[tuple[Actuator, ...], list[Origin]]:
+    """Return the actuators, and where they come from: nowhere, where the file has joints with an effort limit only."""
     described = {joint.name: joint for joint in robot.joints}
     transmissions = list(_transmissions(tree))
     if not transmissions:
-        transmissions = [(joint.name, joint.name) for joint in robot.joints if _effort(joint) > 0]
+        transmissions = [(joint.name, joint.name, None) for joint in robot.joints if _effort(joint) > 0]
+    driven = [row for row in transmissions if row[1] in limb_joints and described[row[1]].mimic is None]
+    names = give_names([name for name, _, _ in driven], [joint for _, joint, _ in driven])
     found: list[Actuator] = []
-    names = Names()
-    for name, joint_name in transmissions:
-        if joint_name not in limb_joints or described[joint_name].mimic is not None:
-            continue
+    origins: list[Origin] = []
+    for given, (name, joint_name, line) in zip(names, driven, strict=True):
         limb, joint = limb_joints[joint_name]
         effort = _effort(described[joint_name]) or math.inf
-        found.append(Actuator(names.give(name), limb, joint_name, -effort, effort, _UNITS[joint.kind]))
-    return tuple(found)
+        found.append(Actuator(given, limb, joint_name, -effort, effort, _UNITS[joint.kind]))
+        if line is not None:
+            origins.append(Origin(given, "actuator", name, f"{file}:{line}"))
+    return tuple(found), origins
 
 
 def _effort(joint: Any) -> float:
@@ -175,12 +200,13 @@ def _effort(joint: Any) -> float:
     return max(float(joint.limit.effort or 0.0), 0.0) if joint.limit is not None else 0.0
 
 
-def _transmissions(tree: etree._ElementTree) -> Iterator[tuple[str, str]]:
-    """Yield actuator name and joint name of each transmission; the n-th actuator drives the n-th joint."""
+def _transmissions(tree: etree._ElementTree) -> Iterator[tuple[str | None, str, str | None]]:
+    """Yield actuator name, joint name and line of each transmission; the n-th actuator drives the n-th joint."""
     for block in tree.getroot().iterchildren("transmission"):
         joints = [element.get("name") for element in block.iterchildren("joint")]
-        actuators = [element.get("name") for element in block.iterchildren("actuator")]
+        actuators = list(block.iterchildren("actuator"))
         for position, joint in enumerate(joints):
-            name = actuators[position] if position < len(actuators) else None
+            actuator = actuators[position] if position < len(actuators) else block
+            name = actuator.get("name") if actuator is not block else None
             if joint:
-                yield name or joint, joint
+                yield name or None, joint, str(actuator.sourceline)

@@ -24,13 +24,15 @@ _NUMBERS = {
 def check_urdf(tree: etree._ElementTree, *, file: str) -> tuple[str, ...]:
     """Check links, joints and numbers, and return the names of the links without a parent, in file order.
 
+    Links and joints all have names of their own; see `urdf_names.name_elements`.
+
     Raises:
-        DescriptionError: A name is missing or used twice, a joint refers to a link that does not exist, a link has two
-            parents, links form a cycle, or a number is none.
+        DescriptionError: A joint refers to a link that does not exist, a link has two parents, links form a cycle, or a
+            number is none.
     """
     root = tree.getroot()
-    links = _named(root, "link", file)
-    joints = _named(root, "joint", file)
+    links = {link.get("name") or "": link for link in root.iterchildren("link")}
+    joints = {joint.get("name") or "": joint for joint in root.iterchildren("joint")}
     if not links:
         raise DescriptionError(f"{file}:{root.sourceline}: no <link> in <robot>; a robot needs at least one")
     parent_of: dict[str, str] = {}
@@ -70,21 +72,6 @@ def check_urdf(tree: etree._ElementTree, *, file: str) -> tuple[str, ...]:
                     f" {element.get('name')!r}, which does not exist{nearest(element.get('name') or '', joints)}"
                 )
     return tuple(name for name in links if name not in parent_of)
-
-
-def _named(root: etree._Element, tag: str, file: str) -> dict[str, etree._Element]:
-    found: dict[str, etree._Element] = {}
-    for element in root.iterchildren(tag):
-        name = element.get("name")
-        if not name:
-            raise DescriptionError(f"{file}:{element.sourceline}: <{tag}> without a name; give it one")
-        if name in found:
-            raise DescriptionError(
-                f"{file}:{element.sourceline}: two {tag}s are called {name!r} (the first in line"
-                f" {found[name].sourceline}); rename one of them"
-            )
-        found[name] = element
-    return found
 
 
 def _end(joint: etree._Element, tag: str, links: dict[str, etree._Element], file: str) -> str:

@@ -6,21 +6,24 @@ from collections.abc import Iterator, Mapping
 
 from lxml import etree
 
-from morphkit.io.common import Names
-from morphkit.morphology import Reading, Sensor
+from morphkit.io.common import give_names
+from morphkit.morphology import Origin, Reading, Sensor
 
 _PLACING = ("parent", "origin")
 _AXES = ("x", "y", "z")
 
 
-def read_sensors(tree: etree._ElementTree, limb_of: Mapping[str, str]) -> Iterator[Sensor]:
-    """Yield the declared sensors in file order, without those of other trees of links.
+def read_sensors(
+    tree: etree._ElementTree, limb_of: Mapping[str, str], *, file: str
+) -> tuple[tuple[Sensor, ...], tuple[Origin, ...]]:
+    """Return the declared sensors in file order, without those of other trees of links, and where they come from.
 
     Inertial units, force-torque, contact and altitude sensors have readings; cameras and lidars give no scalars.
 
     Args:
         tree: The parsed URDF.
         limb_of: Link name -> limb name, for the links of the robot.
+        file: What the file is called in places.
     """
     root = tree.getroot()
     links = {link.get("name") for link in root.iterchildren("link")}
@@ -29,7 +32,7 @@ def read_sensors(tree: etree._ElementTree, limb_of: Mapping[str, str]) -> Iterat
         for joint in root.iterchildren("joint")
         if (child := joint.find("child")) is not None
     }
-    names = Names()
+    found = []
     for element, reference in _elements(root):
         link = reference if reference in links else child_of.get(reference, reference)
         if link in links and link not in limb_of:
@@ -37,8 +40,14 @@ def read_sensors(tree: etree._ElementTree, limb_of: Mapping[str, str]) -> Iterat
         kind = element.get("type") or next(
             (child.tag for child in element if isinstance(child.tag, str) and child.tag not in _PLACING), ""
         )
-        name = names.give(element.get("name") or "sensor")
-        yield Sensor(name, kind, limb_of.get(link), tuple(_readings(kind, link or None)))
+        found.append((element, kind, link))
+    originals = [element.get("name") or None for element, _, _ in found]
+    names = give_names(originals, ["sensor"] * len(found))
+    sensors, origins = [], []
+    for name, original, (element, kind, link) in zip(names, originals, found, strict=True):
+        sensors.append(Sensor(name, kind, limb_of.get(link), tuple(_readings(kind, link or None))))
+        origins.append(Origin(name, "sensor", original, f"{file}:{element.sourceline}"))
+    return tuple(sensors), tuple(origins)
 
 
 def _elements(root: etree._Element) -> Iterator[tuple[etree._Element, str]]:

@@ -84,12 +84,12 @@ def test_everything_agrees_with_the_compiled_model() -> None:
     morphology = read(description)
     model = mujoco.MjModel.from_xml_string(description.source.decode())
     limbs = [limb.name for limb in morphology.limbs]
-    assert limbs == ["torso", "body_3", "ball", "leg", "toe0", "toe1"]
-    assert [limb.parent for limb in morphology.limbs] == [None, "torso", "body_3", "torso", "torso", "torso"]
+    assert limbs == ["torso", "reach_body", "ball", "leg", "toe0", "toe1"]
+    assert [limb.parent for limb in morphology.limbs] == [None, "torso", "reach_body", "torso", "torso", "torso"]
     assert morphology.root.members == ("torso", "head")
     assert [limb.type for limb in morphology.limbs] == [None] * 6
     found = morphology.joints
-    assert [joint.name for joint in found] == ["reach", "body_3_joint", "ball", "knee", "toe0", "toe1"]
+    assert [joint.name for joint in found] == ["reach", "reach_body_joint", "ball", "knee", "toe0", "toe1"]
     assert [joint.kind for joint in found] == ["slide", "hinge", "ball", "hinge", "hinge", "hinge"]
     assert [joint.limited for joint in found] == model.jnt_limited[1:].astype(bool).tolist()
     expected = np.where(model.jnt_limited[1:, None], model.jnt_range[1:], 0.0)
@@ -105,10 +105,10 @@ def test_actuators_names_targets_and_units() -> None:
     assert found == [
         ("knee", "leg", "knee", "N*m"),
         ("knee_2", "leg", "knee", "N*m"),
-        ("push", "body_3", "reach", "1"),
-        ("force", "body_3", "reach", "N"),
+        ("push", "reach_body", "reach", "1"),
+        ("force", "reach_body", "reach", "N"),
         ("servo", "toe0", "toe0", "rad"),
-        ("drive", "body_3", "reach", "m/s"),
+        ("drive", "reach_body", "reach", "m/s"),
         ("spin", "leg", "knee", "rad/s"),
         ("cord", None, None, "1"),
         ("jet", "ball", None, "1"),
@@ -129,7 +129,7 @@ def test_actuators_names_targets_and_units() -> None:
 def test_sensors() -> None:
     assert [(sensor.name, sensor.kind, sensor.limb) for sensor in read(mjcf(EVERYTHING)).sensors] == [
         ("framepos_head", "framepos", "torso"),
-        ("g", "gyro", "body_3"),
+        ("g", "gyro", "reach_body"),
         ("jointpos_knee", "jointpos", "leg"),
         ("tendonpos_cord", "tendonpos", None),
     ]

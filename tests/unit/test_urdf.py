@@ -132,6 +132,7 @@ def test_sensors() -> None:
 
 
 A, B = link("a"), link("b")
+TWINS = (link("c"), link("e"), joint("j", "continuous", "a", "b"), joint("j", "continuous", "a", "c"))
 
 
 @pytest.mark.parametrize(
@@ -140,8 +141,17 @@ A, B = link("a"), link("b")
         ((A, joint("j", "fixed", "arm", "a")), 3, "parent link 'arm' of joint 'j' does not exist"),
         ((A, link("b_link"), joint("j", "fixed", "a", "b_lnk")), 4, "did you mean 'b_link'"),
         ((A, B, joint("j", "fixed", "a", "b"), joint("k", "fixed", "b", "a")), 5, "cycle: b -> a -> b"),
-        ((A, A), 3, "two links are called 'a' (the first in line 2)"),
-        ((A, B, joint("j", "fixed", "a", "b"), joint("j", "fixed", "a", "b")), 5, "two joints are called 'j'"),
+        ((A, A), 3, "another link called 'a'"),
+        (
+            (A, A, B, joint("j", "fixed", "a", "b")),
+            3,
+            "two links are called 'a' (the first in line 2), and <joint> in line 5",
+        ),
+        (
+            (A, B, joint("j", "fixed", "a", "b"), joint("j", "fixed", "a", "b")),
+            5,
+            "of joint 'j' (line 4); a link has one",
+        ),
         ((A, B, link("c"), joint("j", "fixed", "a", "c"), joint("k", "fixed", "b", "c")), 6, "one parent"),
         ((A, B, joint("j", "revolut", "a", "b")), 4, "did you mean 'revolute'"),
         ((A, B, '<joint name="j" type="fixed"><child link="b"/></joint>'), 4, "no parent link"),
@@ -149,6 +159,12 @@ A, B = link("a"), link("b")
         ((A, B, joint("j", "revolute", "a", "b", '<limit lower="x"/>')), 4, "lower=\"x\" in <limit> of joint 'j'"),
         ((A, B, joint("j", "revolute", "a", "b", '<axis xyz="0 1"/>')), 4, "expected 3 numbers"),
         ((A, B, joint("j", "revolute", "a", "b", '<mimic joint="q"/>')), 4, "mimics joint 'q'"),
+        (
+            (A, B, *TWINS, joint("k", "revolute", "b", "e", '<mimic joint="j"/>')),
+            7,
+            "two joints are called 'j' (the first in",
+        ),
+        ((A, B, *TWINS, transmission("t", ("j",), ())), 7, "<joint> in line 8 refers to one of them; rename one"),
         ((A, B, joint("j", "fixed", "a", "b"), transmission("t", ("q",), ())), 5, "transmission 't' drives joint 'q'"),
         (("",), 1, "no <link>"),
     ],
