@@ -90,6 +90,22 @@ def add_base_joints(spec: mujoco.MjSpec, root: Any, base: Base) -> None:
         )
 
 
+def lift(spec: mujoco.MjSpec, root: Any, model: mujoco.MjModel) -> None:
+    """Raise (or lower) the root until the robot starts `CLEARANCE_M` above the world's origin.
+
+    Args:
+        spec: Changed in place.
+        root: A top-level body; one within a frame is taken out of it, so that its `pos` is in the world.
+        model: `spec` compiled.
+    """
+    own = model.body(root.name)
+    if root.frame is not None:
+        root.set_frame(spec.worldbody.add_frame())
+        root.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+        root.pos, root.quat = own.pos, own.quat
+    root.pos[2] += CLEARANCE_M - lowest_point(model, own.id)
+
+
 def lowest_point(model: mujoco.MjModel, root: int) -> float:
     """Height above the world's origin, m, of the lowest point of the robot's geoms in the start configuration.
 

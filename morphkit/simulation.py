@@ -102,6 +102,7 @@ def build(description: Description, *, base: Base | None = None) -> Simulation:
     completion.add_limb_sensors(spec, limbs)
     model = compile_spec(spec, description.file)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_SENSOR)  # a file may do without; tokens cannot
     token_spec = tokens(morphology)
     if model.nu != len(token_spec.actuators):
         raise DescriptionError(
@@ -132,7 +133,7 @@ def _complete(
         completion.settle_urdf(spec)
     if own_base is None and base != "fixed":
         model = compile_spec(spec.copy(), description.file)
-        root.pos[2] += completion.CLEARANCE_M - completion.lowest_point(model, model.body(root.name).id)
+        completion.lift(spec, root, model)
         completion.add_base_joints(spec, root, base)
         notes.append(f"a {base} base was added at {root.name!r}, which starts at height {root.pos[2]:.3f} m")
     if completion.add_floor(spec, solid=base != "fixed"):

@@ -101,6 +101,18 @@ def test_any_geom_starts_one_centimetre_above_the_floor(geom: str) -> None:
     assert lowest_of_compiled(simulation) == pytest.approx(0.01, abs=1e-5)
 
 
+@pytest.mark.parametrize("base", ["planar", "free"])
+def test_a_root_within_a_turned_frame_starts_at_the_floor_and_leaves_what_else_is_there(base: str) -> None:
+    body = '<body name="a" pos="0 0 1" euler="0 0 40"><geom type="box" size=".1 .2 .3"/></body>'
+    source = mjcf(f'<frame pos="1 2 3" euler="90 0 20">{body}<site name="mark" pos="1 1 1"/></frame>')
+    plain, simulation = compile_plain(source), build(source, base=base)
+    assert lowest_of_compiled(simulation) == pytest.approx(0.01, abs=1e-6)
+    np.testing.assert_allclose(simulation.model.body("a").quat, plain.body("a").quat, atol=1e-12)
+    np.testing.assert_allclose(simulation.model.body("a").pos[:2], plain.body("a").pos[:2], atol=1e-12)
+    np.testing.assert_allclose(simulation.model.site("mark").pos, plain.site("mark").pos, atol=1e-12)
+    assert simulation.model.qpos0[1 if base == "planar" else 2] == pytest.approx(simulation.model.body("a").pos[2])
+
+
 def test_own_base_and_floor_are_kept() -> None:
     simulation = build(load("cheetah"))
     plain = compile_plain(load("cheetah"))
@@ -143,6 +155,15 @@ def test_sensors_come_last_and_match_forward(description: Description) -> None:
     np.testing.assert_allclose(kinematics.sensordata[limbs], data.sensordata[limbs], atol=1e-9)
     np.testing.assert_allclose(data.sensordata[limbs[:, :3]], data.xpos[simulation.limb_body], atol=1e-12)
     np.testing.assert_allclose(data.sensordata[limbs[:, 9:]], data.xquat[simulation.limb_body], atol=1e-12)
+
+
+def test_limbs_are_sensed_where_the_file_switches_sensors_off() -> None:
+    body = '<body name="a" pos="0 0 2"><freejoint/><geom size=".1"/></body>'
+    blind = build(mjcf(body, '<option><flag sensor="disable"/></option>'))
+    for model in (blind.model, blind.kinematics):
+        data = mujoco.MjData(model)
+        mujoco.mj_step(model, data)
+        np.testing.assert_array_equal(data.sensordata[blind.limb_sensor[0, :3]], [0, 0, 2])
 
 
 @pytest.mark.parametrize("description", shipped(), ids=lambda d: d.name)
