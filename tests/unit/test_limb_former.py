@@ -55,7 +55,7 @@ def test_a_robot_alone_and_in_a_mixed_batch_gives_the_same(robots: tuple[str, ..
         alone = build_layout([spec(name)], embed)
         own_obs, own_action = obs[:, mixed.tokens[number]], action[:, mixed.actions[number]]
         torch.testing.assert_close(actor(own_obs, alone), actions[:, mixed.actions[number]], atol=1e-6, rtol=0)
-        torch.testing.assert_close(critic(own_obs, own_action, alone)[..., 0], values[..., number], atol=1e-5, rtol=0)
+        torch.testing.assert_close(critic(own_obs, own_action, alone)[..., 0], values[..., number], atol=1e-6, rtol=0)
 
 
 def test_every_sensor_and_every_action_of_a_robot_matters_to_it_alone() -> None:
@@ -113,4 +113,4 @@ def test_groups_hold_whole_robots_and_change_nothing(monkeypatch: pytest.MonkeyP
     assert [group.indices(37) for group in parts.groups] == [(0, 13, 1), (13, 25, 1), (25, 37, 1)]
     obs, action = rows(whole)
     torch.testing.assert_close(actor(obs, parts), actor(obs, whole), atol=1e-6, rtol=0)
-    torch.testing.assert_close(critic(obs, action, parts), critic(obs, action, whole), atol=1e-5, rtol=0)
+    torch.testing.assert_close(critic(obs, action, parts), critic(obs, action, whole), atol=1e-6, rtol=0)

@@ -81,7 +81,7 @@ def test_a_robot_alone_and_in_a_mixed_batch_gives_the_same(config: ModelConfig) 
         own_obs, own_action = obs[:, mixed.tokens[number]], action[:, mixed.actions[number]]
         torch.testing.assert_close(actor(own_obs, alone), actions[:, mixed.actions[number]], atol=1e-6, rtol=0)
         own_values = critic(own_obs, own_action, alone)
-        torch.testing.assert_close(own_values, values[..., robot_of == number], atol=1e-5, rtol=1e-6)
+        torch.testing.assert_close(own_values, values[..., robot_of == number], atol=1e-6, rtol=0)
         for row in range(2):  # nor does it depend on the other rows of the batch
             one = actor(own_obs[row : row + 1], alone)[0]
             torch.testing.assert_close(one, actions[row, mixed.actions[number]], atol=1e-6, rtol=0)
