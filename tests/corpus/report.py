@@ -11,7 +11,7 @@ import json
 import re
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -64,22 +64,23 @@ def report(outcomes: Iterable[Outcome]) -> str:
             [*rows, ("all", *_row("", everything)[1:5], *_row("", was_cut)[5:])],
         ),
         "\n## Failures and differences\n",
-        _bullets(
-            f"`{o['collection']}/{o['file']}` {o.get('root', '')}: {_line(o['detail'])}"
-            for o in everything
-            if o["result"] == "failure"
-        ),
-        _bullets(
-            f"`{o['collection']}/{o['file']}` {o.get('root', '')}: {limb}: {what}"
-            for o in everything
-            for limb, what in list(o.get("different", {}).items())[:3]
-        ),
+        _bullets(_failures(everything)),
         "\n## Errors\n",
         _table(("count", "error", "for example"), _errors(everything)),
         "\n## Limbs that were not compared\n",
         _table(("count", "why", "for example"), _reasons(was_cut)),
     ]  # fmt: skip
     return "\n".join(parts)
+
+
+def _failures(outcomes: list[Outcome]) -> Iterator[str]:
+    """Every failure, and up to three differences a robot."""
+    for outcome in outcomes:
+        robot = f"`{outcome['collection']}/{outcome['file']}` {outcome.get('root', '')}".rstrip()
+        if outcome["result"] == "failure":
+            yield f"{robot}: {_line(outcome['detail'])}"
+        for limb, what in list(outcome.get("different", {}).items())[:3]:
+            yield f"{robot}: {limb}: {what}"
 
 
 def _row(name: str, found: list[Outcome]) -> tuple[str, ...]:

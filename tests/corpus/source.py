@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import bisect
+import re
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 from morphkit.ablation import Loss
 from morphkit.io import xml
 
+_WORD = re.compile(rb"[\w.+-]+|[^\w\s]")
 _KINDS = {"key": "keyframe", "body": "name"}
 """Tag -> the kind of a loss that belongs to no single limb."""
 
@@ -37,8 +40,8 @@ def foreign_lines(before: bytes, after: bytes) -> int:
 
 
 def _only_lost_words(before: bytes, after: bytes) -> bool:
-    words = iter(before.split())
-    return all(word in words for word in after.split())
+    words = iter(_WORD.findall(before))
+    return all(word in words for word in _WORD.findall(after))
 
 
 def unexplained(
@@ -56,18 +59,18 @@ def unexplained(
         lost: What is listed.
         bodies: Names of all bodies of an MJCF file in the file's order, for those that have none in the file.
     """
-    source = xml.parse(before, file="before").getroot()
-    elements = list(source.iter("*"))  # keeps the proxies alive, so that id() identifies an element
+    signatures = _read(before)
+    elements = list(signatures)
     own = [element for element in elements if element.tag == "body"]
     names = {id(element): name for element, name in zip(own, bodies, strict=True)} if len(own) == len(bodies) else {}
     removed = {id(part) for top in elements if _goes(top, gone, names) for part in top.iter("*")}
     known = {element.get("name", "") for element in elements if id(element) in removed}
     known |= {loss.name for loss in lost} | set(gone)
     known.discard("")
-    left = Counter(_signatures(xml.parse(after, file="after").getroot()).values())
+    left = Counter(_signatures(after).values())
     explained = set(removed)
     found = []
-    for element, signature in _signatures(source).items():
+    for element, signature in signatures.items():
         if id(element) in removed:
             continue
         left[signature] -= 1
@@ -91,10 +94,15 @@ def _goes(element: Any, gone: Collection[str], names: Mapping[int, str]) -> bool
     return child is not None and child.get("link") in gone
 
 
-def _signatures(root: Any) -> dict[Any, int]:
+@lru_cache(maxsize=1)
+def _read(source: bytes) -> dict[Any, int]:
+    return _signatures(source)
+
+
+def _signatures(source: bytes) -> dict[Any, int]:
     """Every element -> a hash of it and of what it stands in, its children aside."""
-    found: dict[Any, int] = {}
-    for element in root.iter("*"):
+    found: dict[Any, int] = {}  # keeps the proxies alive, so that id() identifies an element
+    for element in xml.parse(source, file="source").getroot().iter("*"):
         text = (element.text or "").strip()
         around = found.get(element.getparent(), 0)
         found[element] = hash((element.tag, tuple(sorted(element.attrib.items())), text, around))
