@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -38,10 +39,18 @@ def check(
     severity: Annotated[
         Literal["error", "warning", "info"], typer.Option(help="Leave out findings less severe than this.")
     ] = "info",
-    as_json: Annotated[bool, typer.Option("--json", help="Print all findings as JSON.")] = False,
+    output: Annotated[
+        Literal["text", "json", "sarif"] | None,
+        typer.Option(
+            "--format",
+            help="What to print; SARIF 2.1.0 is what code hosts show beside lines.",
+            show_default="text",
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="The same as --format json.")] = False,
     sarif: Annotated[
         Path | None,
-        typer.Option(metavar="OUT", help="Also write the findings as SARIF 2.1.0, which code hosts show beside lines."),
+        typer.Option(metavar="OUT", help="Also write the findings as SARIF to a file; '-' is --format sarif."),
     ] = None,
     explain: Annotated[
         str | None, typer.Option(metavar="ID", help="Say what a finding means and how to mend it, and stop.")
@@ -55,10 +64,11 @@ def check(
 
     Exit code 0 where no file has an error, 1 where one has, 2 where one cannot be read.
     """
+    printed = _printed(output, as_json=as_json, sarif=sarif)
     if explain is not None:
-        if files:
-            raise common.UsageError("--explain stands alone; leave out the files.")
-        _explain(explain, as_json=as_json)
+        if files or sarif is not None or printed == "sarif":
+            raise common.UsageError("--explain stands alone; leave out files and SARIF.")
+        _explain(explain, as_json=printed == "json")
         return
     if not files:
         raise common.UsageError("say which files to check, or which finding to --explain.")
@@ -73,18 +83,37 @@ def check(
             reports.append(_check(file, packages, severity, deep=not quick))
         except MorphkitError as error:
             unreadable.append(error)
-    if sarif is not None and reports:
-        from morphkit.validation.sarif import to_sarif
-
-        common.write_text(sarif, json.dumps(to_sarif(reports), indent=2) + "\n")
-    if as_json and reports:
-        common.print_json({"schema_version": SCHEMA_VERSION, "files": [report.to_json() for report in reports]})
-    elif reports:
-        _print(reports)
+    if reports:
+        if sarif is not None and str(sarif) != "-":
+            common.write_text(sarif, _sarif(reports))
+        if printed == "sarif":
+            sys.stdout.write(_sarif(reports))
+        elif printed == "json":
+            common.print_json({"schema_version": SCHEMA_VERSION, "files": [report.to_json() for report in reports]})
+        else:
+            _print(reports)
     if unreadable:
         raise DescriptionError("\n".join(map(str, unreadable)))
     if any(report.count("error") for report in reports):
         raise typer.Exit(1)
+
+
+def _printed(output: str | None, *, as_json: bool, sarif: Path | None) -> str:
+    """What goes to stdout: `text`, `json` or `sarif`."""
+    asked = {"json"} if as_json else set()
+    if output is not None:
+        asked.add(output)
+    if sarif is not None and str(sarif) == "-":
+        asked.add("sarif")
+    if len(asked) > 1:
+        raise common.UsageError(f"only one of {' and '.join(sorted(asked))} can be printed; name a file for SARIF.")
+    return next(iter(asked), "text")
+
+
+def _sarif(reports: Sequence[Report]) -> str:
+    from morphkit.validation.sarif import to_sarif
+
+    return json.dumps(to_sarif(reports), indent=2) + "\n"
 
 
 def _check(file: str, packages: Mapping[str, Path], severity: Severity, *, deep: bool) -> Report:

@@ -17,6 +17,7 @@ $ morphkit check robot.urdf                    # exit code 1 where a file has an
 $ morphkit check robot.xml --severity warning  # without what is only worth knowing
 $ morphkit check *.urdf --json                 # for programs
 $ morphkit check robot.urdf --sarif out.sarif  # for code hosts, which show findings beside the lines (SARIF 2.1.0)
+$ morphkit check robot.urdf --format sarif     # the same on stdout; so does --sarif -
 $ morphkit check --explain limit-inverted      # one entry of this page
 ```
 

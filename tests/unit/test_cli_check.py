@@ -60,6 +60,26 @@ def test_sarif_is_written(folder: Path) -> None:
     assert result["locations"][0]["physicalLocation"]["artifactLocation"]["uri"] == "bad.urdf"
 
 
+@pytest.mark.parametrize("arguments", [["--format", "sarif"], ["--sarif", "-"], ["--format", "sarif", "--sarif", "-"]])
+def test_sarif_is_printed(folder: Path, arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["check", "bad.urdf", *arguments]) == 1
+    printed = capsys.readouterr().out
+    assert len(json.loads(printed)["runs"][0]["results"]) == 5
+    assert [path.name for path in folder.iterdir()] == ["bad.urdf"]
+    assert run(["check", "bad.urdf", "--sarif", "out.sarif"]) == 1
+    assert (folder / "out.sarif").read_text() == printed
+
+
+def test_format_and_file_go_together(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["check", "bad.urdf", "--format", "json", "--sarif", "out.sarif"]) == 1
+    printed = capsys.readouterr().out
+    assert (folder / "out.sarif").is_file()
+    assert run(["check", "bad.urdf", "--json"]) == 1
+    assert capsys.readouterr().out == printed
+    assert run(["check", "bad.urdf", "--format", "text"]) == 1
+    assert capsys.readouterr().out.splitlines()[-1].strip() == "bad.urdf: 3 errors, 2 warnings"
+
+
 def test_explain(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["check", "--explain", "limit-inverted"]) == 0
     assert capsys.readouterr().out.splitlines()[0].split() == ["limit-inverted", "error"]
@@ -72,6 +92,9 @@ def test_explain(capsys: pytest.CaptureFixture[str]) -> None:
     [
         ([], "say which files"),
         (["bad.urdf", "--explain", "cycle"], "stands alone"),
+        (["--explain", "cycle", "--format", "sarif"], "stands alone"),
+        (["bad.urdf", "--json", "--sarif", "-"], "only one of json and sarif"),
+        (["bad.urdf", "--json", "--format", "text"], "only one of json and text"),
         (["no.urdf"], "no such file"),
         (["."], "directory"),
         (["cheetah_3_balanced"], "morphkit ablate"),
