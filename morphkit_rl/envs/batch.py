@@ -74,7 +74,8 @@ class BatchEnv:
 
     Attributes:
         specs: TokenSpec of each robot.
-        diverged: Episodes that ended because a coordinate or velocity was not finite or beyond 1e6, int64 (robots,).
+        diverged: Episodes that ended because a coordinate or velocity was not finite or beyond 1e6, or because MuJoCo
+            gave up within a control step, such as for lack of memory for contacts; int64 (robots,).
 
     Raises:
         ConfigError: No robots, lists of different lengths, a task that `task_for` has not filled in, or a specification
@@ -104,6 +105,8 @@ class BatchEnv:
         states = _slices([n * size for n, size in zip(self.num_envs, sizes, strict=True)])
         self._state = np.concatenate([np.tile(robot.start, len(robot.ctrl)) for robot in self._robots])
         starts = [np.arange(part.start, part.stop, size) for part, size in zip(states, sizes, strict=True)]
+        self._time = np.concatenate(starts)
+        self._most_of_step = np.repeat([robot.most_of_step for robot in self._robots], self.num_envs)
         self._observe_all = ObservationPass(simulations, self.specs, starts, observation)
         rows = _slices([n * len(s.limb_body) for n, s in zip(self.num_envs, simulations, strict=True)])
         for robot, part, mine, n in zip(self._robots, states, rows, self.num_envs, strict=True):
@@ -267,18 +270,21 @@ class BatchEnv:
 
     def _undo_diverged(self, before: np.ndarray) -> np.ndarray | None:
         """Put diverged environments back to where they were; which they are, bool (environments,), None where none."""
-        if np.abs(self._state).max(initial=0.0) < _DIVERGED:  # False for NaN
+        whole = self._state.take(self._time) - before.take(self._time) > self._most_of_step
+        if np.abs(self._state).max(initial=0.0) < _DIVERGED and whole.all():  # False for NaN
             return None
-        parts = []
+        diverged = ~whole
         start = 0
-        for robot in self._robots:
+        for robot, mine in zip(self._robots, self._envs, strict=True):
             old = before[start : start + robot.state.size].reshape(robot.state.shape)
             start += robot.state.size
-            bad = ~(np.abs(robot.state) < _DIVERGED).all(axis=1)
-            robot.state[bad] = old[bad]
-            parts.append(bad)
+            moderate = (np.abs(robot.moving) < _DIVERGED).all(axis=1) & np.isfinite(robot.state).all(axis=1)
+            diverged[mine] |= ~moderate
+            robot.state[diverged[mine]] = old[diverged[mine]]
+        if not diverged.any():  # an activation may be large, such as a force in N
+            return None
         self._stepper.sense()
-        return np.concatenate(parts)
+        return diverged
 
     def _end(self, done: np.ndarray, diverged: np.ndarray | None) -> list[Episode]:
         """The episodes that ended; their counters start anew."""
