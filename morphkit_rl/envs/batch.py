@@ -168,6 +168,7 @@ class BatchEnv:
 
         Raises:
             ValueError: An action of the wrong shape or not finite.
+            DescriptionError: MuJoCo cannot go on at all, such as for lack of memory.
         """
         ctrl = self._controls(actions)
         before, forward = self._state.copy(), self._reward.forward(self._state)

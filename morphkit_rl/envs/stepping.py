@@ -14,6 +14,7 @@ import numpy as np
 from mujoco import _callbacks
 from mujoco.rollout import Rollout
 
+from morphkit.errors import DescriptionError
 from morphkit.simulation import Simulation
 from morphkit_rl.envs.tasks import Task
 
@@ -25,6 +26,7 @@ class Robot:
     """One robot's models and buffers.
 
     Attributes:
+        name: Name of the robot.
         state: (n, size): time, qpos, qvel and what else the simulator keeps; a view into all robots' states.
         sensors: (n, 1, 13 * limbs): a view into all robots' limb sensors.
         start: The noise-free start state, (size,).
@@ -38,7 +40,7 @@ class Robot:
     sensors: np.ndarray
 
     def __init__(self, simulation: Simulation, task: Task, n: int) -> None:
-        self.model = copy.deepcopy(simulation.model)
+        self.name, self.model = simulation.name, copy.deepcopy(simulation.model)
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR  # they are read from `kinematics` alone
         if self.model.ntree == 1:  # looking for groups of bodies that touch changes nothing, but costs 6 % of a step
             self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
@@ -135,8 +137,11 @@ class _Share(NamedTuple):
 
     def advance_and_sense(self) -> None:
         for piece in self.pieces:
-            piece.advance(self.pool)
-            piece.sense(self.pool)
+            try:
+                piece.advance(self.pool)
+                piece.sense(self.pool)
+            except mujoco.FatalError as error:
+                raise DescriptionError(f"{piece.robot.name}: MuJoCo cannot simulate it: {error}") from None
 
     def sense(self) -> None:
         for piece in self.pieces:
@@ -172,7 +177,11 @@ class Stepper:
         self._threads = ThreadPoolExecutor(len(self._shares) - 1, "morphkit-env") if len(self._shares) > 1 else None
 
     def advance_and_sense(self) -> None:
-        """Advance all environments by a control step, then fill in all sensors."""
+        """Advance all environments by a control step, then fill in all sensors.
+
+        Raises:
+            DescriptionError: MuJoCo cannot go on at all, such as for lack of memory.
+        """
         with _no_warnings():
             helpers = [self._threads.submit(share.advance_and_sense) for share in self._shares[1:] if self._threads]
             self._shares[0].advance_and_sense()

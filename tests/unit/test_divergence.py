@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from morphkit.errors import DescriptionError
 from morphkit.robots import load
 from morphkit_rl.envs.batch import BatchEnv
 from morphkit_rl.robots import prepare
@@ -53,13 +55,15 @@ def test_an_activation_that_is_not_finite_is_one(tmp_path: Path) -> None:
     assert env.diverged.tolist() == [1]
 
 
+TILES = "".join(
+    f'<geom type="box" size=".03 .03 .03" pos="{i / 10} {j / 10} 0"/>' for i in range(12) for j in range(12)
+)
+
+
 def test_a_control_step_that_mujoco_does_not_finish_ends_the_episode(tmp_path: Path) -> None:
     """Too little memory for the contacts: MuJoCo warns, and the rest of the control step would be missing unseen."""
-    tiles = "".join(
-        f'<geom type="box" size=".03 .03 .03" pos="{i / 10} {j / 10} 0"/>' for i in range(12) for j in range(12)
-    )
     cramped, roomy = (
-        make(tmp_path / f"{memory}.xml", size=f'<size memory="{memory}"/>', geoms=tiles, height=0.029)
+        make(tmp_path / f"{memory}.xml", size=f'<size memory="{memory}"/>', geoms=TILES, height=0.029)
         for memory in ("128K", "64M")
     )
     for env, diverged in ((cramped, True), (roomy, False)):
@@ -68,3 +72,10 @@ def test_a_control_step_that_mujoco_does_not_finish_ends_the_episode(tmp_path: P
         assert step.terminated[0].tolist() == [diverged] * 2
         assert [episode.diverged for episode in step.episodes] == [True] * (2 * diverged)
         assert np.isfinite(step.obs[0]).all()
+
+
+def test_a_model_that_mujoco_cannot_step_at_all_is_named(tmp_path: Path) -> None:
+    env = make(tmp_path / "tiny.xml", size='<size memory="24K"/>', geoms=TILES, height=0.029)
+    env.reset()
+    with pytest.raises(DescriptionError, match="tiny: MuJoCo cannot simulate it: .*out of memory"):
+        env.step([np.zeros((2, 1))])
