@@ -140,8 +140,7 @@ class Cutter:
             lost += file.findings
             used = Uses(source.root) if drop_assets else None
             lost += mjcf.cut(source.root, file.bodies, plan, file.layout, file.bones)
-            if file.complete:
-                lost += _keep_names(file)
+            lost += _keep_names(file, description)
         if used is not None:
             lost += used.drop(source.root)
         gone = plan.gone
@@ -240,18 +239,23 @@ def _file_name(name: str, suffix: str) -> str:
     return safe + suffix
 
 
-def _keep_names(file: MjcfFile) -> list[Loss]:
+def _keep_names(file: MjcfFile, description: Description) -> list[Loss]:
     """Write the names of bodies without one into the file where the reader would now call them something else."""
     lost: list[Loss] = []
     name_of = {id(element): name for name, element in file.bodies.items()}
     left = mjcf.body_elements(file.source.root)
-    changed = True
-    while changed:  # a name that is written can be one that the reader would have given to another body
-        changed = False
-        for element, name in zip(left, given_names(left), strict=True):
-            if name != name_of[id(element)]:
-                element.set("name", name_of[id(element)])
+    while True:  # a name that is written can be one that the reader would have given to another body
+        try:
+            names = given_names(file.source.root, description)
+        except ValueError:
+            return lost  # MuJoCo refuses the variant, which is for those to say who compile it
+        written: set[int] = set()
+        for element, name in zip(left, names, strict=True):
+            wanted = name_of.get(id(element), name)
+            if name != wanted and not any(id(above) in written for above in element.iterancestors()):
+                element.set("name", wanted)
+                written.add(id(element))
                 reason = "the body had no name; it got the one that the source's tokens have"
-                lost.append(Loss("name", name_of[id(element)], "", reason))
-                changed = True
-    return lost
+                lost.append(Loss("name", wanted or "", "", reason))
+        if not written:
+            return lost

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import posixpath
 from collections.abc import Sequence
@@ -27,6 +28,7 @@ from morphkit.io.mjcf_names import body_names, name_elements
 from morphkit.io.resolve import flatten_includes, locate
 from morphkit.io.xml import parse, read_limited, serialize
 
+_MARK = "morphkit/unnamed/"
 _EXPANDERS = ("replicate", "attach", "flexcomp", "composite")
 
 
@@ -37,7 +39,6 @@ class MjcfFile:
     Attributes:
         source: The file, includes flattened.
         bodies: Element of each body, by the name that the reader gives it, in file order.
-        complete: Whether `bodies` are all that there are: nothing in the file makes others.
         layout: That of its keyframes.
         bones: The bodies that its skin files name.
         findings: What had to be done to the file before it could be cut.
@@ -45,7 +46,6 @@ class MjcfFile:
 
     source: Source
     bodies: dict[str, Any]
-    complete: bool
     layout: Layout
     bones: Bones
     findings: tuple[Loss, ...]
@@ -80,7 +80,7 @@ class MjcfOpener:
 
     @cached_property
     def _written(self) -> _Shared:
-        return _Shared(self._description, self._expandable)
+        return _Shared(self._description)
 
     @cached_property
     def _expandable(self) -> bool:
@@ -88,22 +88,18 @@ class MjcfOpener:
 
     @cached_property
     def _expanded(self) -> _Shared:
-        return _Shared(replace(self._description, source=_write_out(self._description)), False)
+        return _Shared(replace(self._description, source=_write_out(self._description)))
 
 
 class _Shared:
     """What every edit of one file shares."""
 
-    def __init__(self, description: Description, partial: bool) -> None:
+    def __init__(self, description: Description) -> None:
         self._source = Source(description.source, file=description.file)
         self._description = description
-        self._partial = partial
         self._layout: Layout | None = None
         self._bones = _bones(self._source.root, description)
-        elements = body_elements(self._source.root)
-        self._names = [element.get("name") or None for element in elements]
-        if None in self._names and not partial:
-            self._names = [*given_names(elements)]
+        self._names = given_names(self._source.root, description)
 
     def open(self, findings: tuple[Loss, ...]) -> MjcfFile:
         if self._layout is None:
@@ -111,17 +107,45 @@ class _Shared:
         source = self._source.again()
         elements = zip(self._names, body_elements(source.root), strict=True)
         bodies = {name: element for name, element in elements if name is not None}
-        return MjcfFile(source, bodies, not self._partial, self._layout, self._bones, findings)
+        return MjcfFile(source, bodies, self._layout, self._bones, findings)
 
 
-def given_names(bodies: Sequence[Any]) -> list[str]:
-    """Names of `<body>` elements, all of a file that nothing expands, as the reader gives them."""
+def given_names(root: Any, description: Description) -> list[str | None]:
+    """Names of all `<body>` elements below `root` as the reader gives them; None for those that something multiplies.
+
+    Raises:
+        ValueError: MuJoCo has to say what else there is, and cannot parse the file.
+    """
+    bodies = body_elements(root)
+    names: list[str | None] = [body.get("name") or None for body in bodies]
+    if None not in names:
+        return names
+    if next(root.iter(*_EXPANDERS), None) is not None:
+        return _names_in_model(root, description)
     index = {id(body): number for number, body in enumerate(bodies)}
     rows = []
-    for body in bodies:
+    for body, name in zip(bodies, names, strict=True):
         above = next(body.iterancestors("body"), None)
-        rows.append((body.get("name") or None, None if above is None else index[id(above)], _first_joint(body)))
-    return body_names(rows)
+        rows.append((name, None if above is None else index[id(above)], _first_joint(body)))
+    return [*body_names(rows)]
+
+
+def _names_in_model(root: Any, description: Description) -> list[str | None]:
+    """Mark the bodies without a name, so that they are found again among those that MuJoCo makes."""
+    tree = etree.ElementTree(copy.deepcopy(root))
+    elements = body_elements(tree.getroot())
+    number = {f"{_MARK}{count}/": count for count, element in enumerate(elements) if not element.get("name")}
+    for mark, count in number.items():
+        elements[count].set("name", mark)
+    spec = _parse_tree(tree, description)
+    found = {}
+    for body in spec.bodies[1:]:
+        if body.name.startswith(_MARK):
+            found[number.get(body.name)] = body
+            body.name = ""
+    name_elements(spec)
+    made = {count: body.name for count, body in found.items() if count is not None}
+    return [made.get(count) if count in number.values() else each.get("name") for count, each in enumerate(elements)]
 
 
 def _first_joint(body: Any) -> str | None:
@@ -180,11 +204,14 @@ def _write_out(description: Description) -> bytes:
 
 def _parse_spec(description: Description) -> mujoco.MjSpec:
     """The model as MuJoCo parses it, every body named as the reader names it."""
-    tree = parse(description.source, file=description.file)
-    models = attach_models(tree, description)
-    spec = mujoco.MjSpec.from_string(etree.tostring(tree.getroot(), encoding="unicode"), include=models)
+    spec = _parse_tree(parse(description.source, file=description.file), description)
     name_elements(spec)
     return spec
+
+
+def _parse_tree(tree: Any, description: Description) -> mujoco.MjSpec:
+    models = attach_models(tree, description)
+    return mujoco.MjSpec.from_string(etree.tostring(tree.getroot(), encoding="unicode"), include=models)
 
 
 def _inner_paths(source: bytes, description: Description) -> bytes:
