@@ -18,6 +18,8 @@ from morphkit.errors import AssetError
 from morphkit.io.resolve import locate
 
 _MESH_TYPES = ("mesh", "hfield", "sdf")
+_USES_OF_GEOMS = ("spatial", "composite", "flexcomp")
+"""Where `<geom>` is no geom of its own: a tendon wraps around one, a composite and a flex make theirs of it."""
 _WIDTHS = {0: (7, 6), 1: (4, 3), 2: (1, 1), 3: (1, 1)}
 """Joint type -> how many of qpos and of qvel it takes."""
 _WITHOUT_STATE = ("contact", "equality", "sensor", "custom", "visual", "statistic", "keyframe")
@@ -174,9 +176,8 @@ def _strip(root: Any) -> None:
             element.attrib.pop(attribute, None)
         if element.get("type") in _MESH_TYPES:
             element.set("type", "sphere")
-        shaped = element.get("size") is not None or element.get("fromto") is not None
-        if element.tag == "geom" and not shaped and element.getparent().tag != "spatial":
-            element.set("size", "0.1 0.1 0.1")
+        if element.tag == "geom" and element.getparent().tag not in _USES_OF_GEOMS:
+            element.set("size", "0.1 0.1 0.1")  # whatever stands there, which MuJoCo may refuse
     for element in list(root.iterfind("deformable/skin")) + list(root.iterfind("default//material")):
         element.getparent().remove(element)
     # Stand-ins have no proper inertia; the last word of several compiler sections counts.

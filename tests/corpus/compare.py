@@ -14,7 +14,7 @@ from morphkit import loading
 from morphkit.description import Description
 from morphkit.loading import load_spec
 
-from .mend import lose_field, mend, mend_urdf
+from .mend import Missing, lose_field, mend, mend_urdf, missing_in
 
 Form = Literal["meshes", "mesh-free"]
 """`meshes`: all meshes found and converted. `mesh-free`: small tetrahedra for meshes, and mended, see `mend`."""
@@ -26,8 +26,20 @@ _ORDERED = ("mesh_", "nmesh", "bvh_", "geom_dataid")
 _NAMES = ("body", "joint", "geom", "site", "camera", "light", "tendon", "actuator", "sensor", "equality", "key", "pair")
 
 
-def spec_of(description: Description, form: Form) -> mujoco.MjSpec:
-    """The robot as MuJoCo parses it, in the given form."""
+def spec_of(description: Description, form: Form, missing: Missing | None = None) -> mujoco.MjSpec:
+    """The robot as MuJoCo parses it, in the given form; of a variant, `missing` is what is missing in its source."""
+    spec = _parse(description, form)
+    if form == "mesh-free":
+        mend(spec, missing_in(spec) if missing is None else missing)
+    return spec
+
+
+def missing_names(description: Description) -> Missing:
+    """What is missing in a robot's source."""
+    return missing_in(_parse(description, "mesh-free"))
+
+
+def _parse(description: Description, form: Form) -> mujoco.MjSpec:
     if form == "meshes":
         return load_spec(description)[0]
     if description.format == "urdf":
@@ -36,9 +48,7 @@ def spec_of(description: Description, form: Form) -> mujoco.MjSpec:
         mock.patch.object(loading, "_mesh_bytes", return_value=("stand_in.obj", _STAND_IN)),
         mock.patch.object(loading, "drop_shape", lose_field),
     ):
-        spec, _ = load_spec(description, incomplete=set())
-    mend(spec)
-    return spec
+        return load_spec(description, incomplete=set())[0]
 
 
 def without_body(description: Description, body: str, form: Form) -> mujoco.MjModel:

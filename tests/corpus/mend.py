@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -29,19 +30,34 @@ def mend_urdf(source: bytes, *, file: str) -> bytes:
     return xml.serialize(tree)
 
 
-def mend(spec: mujoco.MjSpec) -> None:
-    """Give every shape a size, every body a mass and a possible inertia, and leave out what else hinders compiling.
+@dataclass(frozen=True, slots=True)
+class Missing:
+    """Names of the materials and geoms that a robot refers to and does not have."""
 
-    A material or geom that is named and missing is added, not the name taken out: where only a cut made it missing, the
-    models differ.
+    materials: tuple[str, ...]
+    geoms: tuple[str, ...]
+
+
+def missing_in(spec: mujoco.MjSpec) -> Missing:
+    """What is missing in a robot's source."""
+    materials = {geom.material: spec.material(geom.material) for geom in spec.geoms if geom.material}
+    geoms = {name: spec.geom(name) for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}
+    return Missing(*(tuple(name for name, found in named.items() if found is None) for named in (materials, geoms)))
+
+
+def mend(spec: mujoco.MjSpec, missing: Missing) -> None:
+    """Give every shape a size, every body a mass and a possible inertia, and take out what else hinders compiling.
+
+    Args:
+        spec: A robot or a variant.
+        missing: What is missing in the source, which is added. What is missing in a variant alone stays so.
     """
+    for name in missing.materials:
+        spec.add_material(name=name)
+    for name in missing.geoms:
+        spec.worldbody.add_geom(name=name)
     for geom in spec.geoms:
         _give_size(geom)
-        if geom.material and spec.material(geom.material) is None:
-            spec.add_material(name=geom.material)
-    for name in [name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)]:
-        if spec.geom(name) is None:
-            spec.worldbody.add_geom(name=name, size=[SMALL_M] * 3)
     for skin in list(spec.skins):
         spec.delete(skin)
     for joint in spec.joints:

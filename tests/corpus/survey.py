@@ -19,7 +19,7 @@ from morphkit.io import read
 from morphkit.robots import load
 from morphkit.tokens import tokens
 
-from .compare import Form, differences, forms, has_meshes, spec_of, without_body
+from .compare import Form, differences, forms, has_meshes, missing_names, spec_of, without_body
 from .source import foreign_lines, unexplained
 
 SECONDS_WITH_MESHES = 5.0
@@ -79,6 +79,7 @@ def _cut_each(description: Description, outcome: Outcome) -> None:
     slow = len(usable) == 2 and has_meshes(description)
     cutter = Cutter(description)
     bodies = _bodies(description, usable)
+    missing = missing_names(description) if "mesh-free" in usable else None
     deadline = time.perf_counter() + SECONDS_WITH_MESHES
     for limb in cutter.morphology.limbs[1:]:
         variant = cutter.ablate(remove=[limb.name])
@@ -92,7 +93,7 @@ def _cut_each(description: Description, outcome: Outcome) -> None:
                 outcome.uncompared[limb.name] = f"MjSpec.delete: {' '.join(str(error).split())[:200]}"
                 continue
             by_geom = description.format == "urdf"
-            found = differences(spec_of(variant.description, form).compile(), expected, by_geom=by_geom)
+            found = differences(spec_of(variant.description, form, missing).compile(), expected, by_geom=by_geom)
             if found:
                 outcome.different[f"{limb.name} ({form})"] = ", ".join(found[:8])
             outcome.compared[form] = outcome.compared.get(form, 0) + 1
