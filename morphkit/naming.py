@@ -34,15 +34,14 @@ def canonical_limb_names(morphology: Morphology, given: Mapping[str, str]) -> di
     Returns:
         Raw limb name -> plain words in limb order, unique within the robot.
     """
-    limbs = [limb.name for limb in morphology.limbs]
+    limbs = {limb.name: None for limb in morphology.limbs}
     rows = [raw for raw in given if raw in limbs]
     names = dict(zip(rows, unique((given[raw] for raw in rows), " "), strict=True))
-    taken = {*names.values(), *given.values()}
+    taken = _Taken((*names.values(), *given.values()))
     prefix = _shared_prefix(morphology)
     for raw in limbs:
         if raw not in names:
             names[raw] = _plain_name(raw, prefix, taken)
-            taken.add(names[raw])
     return {raw: names[raw] for raw in limbs}
 
 
@@ -50,7 +49,7 @@ def renumbered_limbs(morphology: Morphology, given: Mapping[str, str]) -> set[st
     """Raw names of the limbs whose plain words, by the rules, are not those that they would have alone."""
     prefix = _shared_prefix(morphology)
     names = canonical_limb_names(morphology, given)
-    return {raw for raw, name in names.items() if raw not in given and name != _plain_name(raw, prefix, ())}
+    return {raw for raw, name in names.items() if raw not in given and name != _plain_name(raw, prefix, _Taken())}
 
 
 def canonical_joint_names(limb: Limb, limb_name: str) -> dict[str, str]:
@@ -148,28 +147,37 @@ def fold(name: str) -> str:
 
 def unique(names: Iterable[str], separator: str = "_", taken: Iterable[str] = ()) -> list[str]:
     """Number the names that read like an earlier one (or one of `taken`): `foot`, `foot_2`, `foot_3`."""
-    seen = {fold(name) for name in taken}
-    counts: dict[str, int] = {}  # where to go on counting, so that many equal names take no quadratic time
-    result = []
-    for name in names:
-        candidate, count = name, counts.get(name, 1)
-        while fold(candidate) in seen:
+    seen = _Taken(taken)
+    return [seen.give(name, separator) for name in names]
+
+
+class _Taken:
+    """Names that are not free, by how they read."""
+
+    def __init__(self, names: Iterable[str] = ()) -> None:
+        self._seen = {fold(name) for name in names}
+        self._counts: dict[str, int] = {}  # where to go on counting, so that many equal names take no quadratic time
+
+    def __contains__(self, name: str) -> bool:
+        return fold(name) in self._seen
+
+    def give(self, name: str, separator: str) -> str:
+        """`name`, numbered where it is taken; it then is."""
+        candidate, count = name, self._counts.get(name, 1)
+        while candidate in self:
             count += 1
             candidate = f"{name}{separator}{count}"
-        counts[name] = count
-        seen.add(fold(candidate))
-        result.append(candidate)
-    return result
+        self._counts[name] = count
+        self._seen.add(fold(candidate))
+        return candidate
 
 
-def _plain_name(raw: str, prefix: Sequence[str], taken: Iterable[str]) -> str:
-    """The first free name in plain words: without the prefix, with it, without synonyms, numbered."""
+def _plain_name(raw: str, prefix: Sequence[str], taken: _Taken) -> str:
+    """The first free name in plain words, taken then: without the prefix, with it, without synonyms, numbered."""
     words = vocabulary.split(raw)
     short = words[len(prefix) :] if words[: len(prefix)] == prefix and len(words) > len(prefix) else words
     candidates = (vocabulary.plain(short), vocabulary.plain(words), " ".join(words))
-    folded = {fold(name) for name in taken}
-    free = next((name for name in candidates if fold(name) not in folded), candidates[0])
-    return unique([free], " ", taken)[0]
+    return taken.give(next((name for name in candidates if name not in taken), candidates[0]), " ")
 
 
 def _shared_prefix(morphology: Morphology) -> list[str]:

@@ -15,6 +15,8 @@ ELEMENTS = 1_000_000
 """Tags and comments of a file."""
 BODIES = 20_000
 """Bodies or links, those that `replicate`, `composite` and `flexcomp` make included."""
+ATTRIBUTES = 1000
+"""Attributes of a tag; looking at them takes time with the square of their number."""
 NAME_LENGTH = 1000
 NUMBERS = 2**26
 """Numbers that one attribute may make MuJoCo allocate: pixels, heights, user data."""
@@ -35,12 +37,17 @@ _NUSER = "nuser_"
 
 
 def check_size(root: Any, *, file: str) -> None:
-    """Refuse a tree with too long a name.
+    """Refuse a tree with too many attributes in one tag, or too long a name.
 
     Raises:
         DescriptionError: With the line, and what the limit is.
     """
     for element in root.iter("*"):
+        if len(element.attrib) > ATTRIBUTES:
+            raise DescriptionError(
+                f"{file}:{element.sourceline}: <{element.tag}> has {len(element.attrib):,} attributes;"
+                f" the limit is {ATTRIBUTES:,}"
+            )
         for key in _NAMES:
             if len(element.get(key, "")) > NAME_LENGTH:
                 raise DescriptionError(

@@ -55,6 +55,7 @@ def joint(number: int, parent: int, child: int) -> str:
         (BODY.format('<joint range="-inf 1e999"/>'), "", "too large"),
         ("<body>" * 10_000 + "</body>" * 10_000, "", "deeper than 256"),
         (f'<body name="{"a" * 2000}"/>', "", "name of 2,000 characters"),
+        ("<body " + " ".join(f'a{i}=""' for i in range(100_000)) + "/>", "", "has 100,000 attributes"),
         (f'<body name="{"a" * 11_000_000}"/>', "", "more than 10 MB"),
     ],
     ids=lambda value: str(value)[:40],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 
 from morphkit.errors import UnknownNameError
@@ -168,3 +170,11 @@ def test_limb_type_takes_the_first_group_that_occurs() -> None:
     assert limb_type("left2", (("torso",), ("1",), ("2",))) == "2"
     assert limb_type("FL_Calf", (("calf",),)) == "calf"
     assert limb_type("torso", (("hip",),)) is None
+
+
+def test_names_of_thousands_of_limbs_take_no_quadratic_time() -> None:
+    many = robot("base", *(f"leg_{i}" for i in range(5000)), *(f"Leg {i}" for i in range(5000)))
+    start = time.process_time()
+    names = canonical_limb_names(many, {})
+    assert time.process_time() - start < 10
+    assert len(set(names.values())) == len(names) == 10_001
