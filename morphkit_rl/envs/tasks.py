@@ -10,6 +10,7 @@ from typing import Literal
 import mujoco
 import numpy as np
 
+from morphkit.completion import lowest_point
 from morphkit.errors import ConfigError, UnknownNameError
 from morphkit.simulation import Simulation
 
@@ -39,7 +40,9 @@ class Task:
         healthy_height: Open interval of the root's height, m, outside which the episode ends; None: no bounds. Measured
             at the z slide's coordinate of a planar base; at the root's frame above the world's origin for a free one
             and where `height_in_world`.
-        healthy_share: The same as shares of the start height; `task_for` turns it into `healthy_height`.
+        healthy_share: The same as shares of the start height; `task_for` turns it into `healthy_height`. Where the
+            root's frame starts at the ground, as a URDF's `base_footprint` does, or below it, the robot may sink and
+            rise by shares of how high its centre of mass lies above its lowest point.
         height_in_world: See `healthy_height`.
         healthy_pitch: The episode ends when |pitch| of a planar base, or the tilt of a free one, reaches this, rad.
             Tilt is the angle between world z and the root's axis that pointed along world z at the start.
@@ -138,9 +141,27 @@ def task_for(simulation: Simulation, name: str | None = None) -> Task:
     if own is not None:
         return replace(task, frame_skip=skip, healthy_height=own, healthy_share=None, height_in_world=False)
     if task.healthy_share is not None:
-        low, high = (float(share * start_pose(simulation)[2]) for share in task.healthy_share)
-        return replace(task, frame_skip=skip, healthy_height=(low, high), healthy_share=None)
+        return replace(
+            task, frame_skip=skip, healthy_height=_bounds(simulation, task.healthy_share), healthy_share=None
+        )
     return replace(task, frame_skip=skip)
+
+
+def _bounds(simulation: Simulation, share: Range) -> Range | None:
+    """Healthy heights of the root's frame, m; None for a robot without any extent."""
+    start, stature = float(start_pose(simulation)[2]), _stature(simulation)
+    whole = start if start > stature / 2 else stature
+    low, high = (start - whole + each * whole for each in share)
+    return (low, high) if whole > 0 else None
+
+
+def _stature(simulation: Simulation) -> float:
+    """How high the centre of mass lies above the lowest point in the start configuration, m."""
+    model, root = simulation.model, simulation.limb_body[0]
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    return float(data.subtree_com[root, 2]) - lowest_point(model, root)
 
 
 def start_pose(simulation: Simulation) -> np.ndarray:

@@ -76,6 +76,30 @@ def test_locomotion_is_filled_in_from_the_robot(base: str) -> None:
     assert own.healthy_height == (0.05, 3.0)
 
 
+ROOT_JOINTS = {
+    "free": "<freejoint/>",
+    "planar": '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>',
+}
+
+
+@pytest.mark.parametrize("base", ["planar", "free"])
+@pytest.mark.parametrize(
+    ("ground", "frame"), [(0.0, 0.0), (-6.0, 0.0), (-6.0, 0.4)], ids=["footprint", "sunken footprint", "sunken"]
+)
+def test_a_root_frame_at_the_ground_or_below_it_can_be_healthy(base: str, ground: float, frame: float) -> None:
+    """A box of 0.2 m whose frame lies at its foot, or at 0.4 m above it."""
+    source = f"""<mujoco><worldbody><geom type="plane" size="5 5 1" pos="0 0 {ground}"/>
+      <body name="box" pos="0 0 {ground + frame}">{ROOT_JOINTS[base]}
+      <geom type="box" size=".1 .1 .1" pos="0 0 {0.1 - frame}"/></body></worldbody></mujoco>"""
+    simulation = build(Description("box", "box.xml", "mjcf", source.encode()))
+    task = task_for(simulation, "locomotion")
+    start = ground + frame
+    assert task.healthy_height == pytest.approx((start - 0.6 * 0.1, start + 0.1))
+    env = BatchEnv([simulation], [task], 3, autoreset=False)
+    env.reset()
+    assert not env.step([np.zeros((3, 0))]).terminated[0].any()
+
+
 def test_world_height_of_a_planar_base_without_ref() -> None:
     cheetah = build(load("cheetah"))
     cheetah.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
