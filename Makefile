@@ -52,7 +52,7 @@ imports: $(STAMP)
 bench: $(STAMP)
 	@status=0; for program in benchmarks/*.py; do $(BIN)/python $$program || status=1; done; exit $$status
 
-# What the packages hold is unpacked into .corpus (3 GB); their code is not run. All outcomes go to .corpus/outcomes.jsonl.
+# What the packages hold is unpacked into .corpus (2 GB); their code is not run. All outcomes go to .corpus/outcomes.jsonl.
 # With less than all packages, say where the table should go: make corpus CORPUS="brax gymnasium" CORPUS_TABLE=table.md
 CORPUS := airo-models armar brax dexmate-urdf dm-control dm-robotics-panda example-robot-data fourier-robot-descriptions \
 	gymnasium gymnasium-robotics hello-robot-stretch-urdf icub-models jvrc-description metaworld mujoco-mjx myosuite \
