@@ -20,7 +20,7 @@ from safetensors.numpy import load_file, save_file
 from torch import nn
 
 from morphkit.errors import CheckpointError, OutputError
-from morphkit_rl.files import write_text
+from morphkit_rl.files import flush, write_text
 
 FORMAT_VERSION = 2
 _LATEST = "latest"
@@ -210,7 +210,7 @@ def load_optimizers(optimizers: Mapping[str, torch.optim.Optimizer], arrays: Map
 
 
 def save_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write one safetensors file under a temporary name and rename it.
+    """Write one safetensors file under a temporary name, flush it to disk and rename it.
 
     Raises:
         OSError: The disk is full or the folder cannot be written.
@@ -218,6 +218,7 @@ def save_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
     temporary = path.with_name(f".{path.name}.tmp")
     try:
         save_file({key: np.ascontiguousarray(array) for key, array in arrays.items()}, temporary)
+        flush(temporary)
         temporary.replace(path)
     except SafetensorError as error:
         raise OSError(str(error)) from None

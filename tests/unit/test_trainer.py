@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from itertools import pairwise
 from pathlib import Path
 
@@ -193,6 +194,23 @@ def test_a_full_disk_leaves_the_last_checkpoint_whole(run: Path, monkeypatch: py
     after = weights(run)
     assert all(np.array_equal(before[key], after[key]) for key in before)
     assert not [path for path in (run / "checkpoints").iterdir() if path.name.endswith(".tmp")]
+
+
+def test_a_checkpoint_is_on_disk_before_it_replaces_the_last(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else a power cut could leave an empty file in the new one, with the old one gone."""
+    session, flushed = Session(runs.load(run)), set()
+    session.restore(run)
+    session.schedule.advance()
+
+    def sync(descriptor: int) -> None:
+        flushed.add(os.fstat(descriptor).st_ino)
+
+    monkeypatch.setattr(os, "fsync", sync)
+    session.save(run, 1.0)
+    folder, state = checkpoint.load_state(run)
+    files = [*folder.iterdir(), run / "checkpoints" / "latest", run / "replay" / state["segments"][-1]["file"]]
+    assert len(files) == 7
+    assert [file.name for file in files if file.stat().st_ino not in flushed] == []
 
 
 def test_diverging_or_foreign_run_folders_are_named(tmp_path: Path) -> None:
