@@ -97,6 +97,7 @@ def ablate(
         str | None, typer.Option(metavar="NAME", help="The top-level body to take, where the file has several.")
     ] = None,
     package: common.PackageOption = None,
+    xacro_arg: common.XacroArgOption = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show what would go and what else would be lost; write nothing.")
     ] = False,
@@ -116,7 +117,13 @@ def ablate(
     from morphkit.robots import load
     from morphkit.writing import write_family
 
-    cutter = Cutter(load(robot, root=root, packages=parse_packages(package or [])))
+    description = load(
+        robot,
+        root=root,
+        packages=parse_packages(package or []),
+        xacro_args=common.xacro_arguments(xacro_arg, robot)[robot],
+    )
+    cutter = Cutter(description)
     source, notes = cutter.description, list[str]()
     check, drop = compiled and not dry_run, not keep_assets
     if every:

@@ -13,7 +13,7 @@ from .benchmark import FILE_HELP
 from .table import table, terminal_width
 
 if TYPE_CHECKING:
-    from morphkit_rl.random_policy import RandomResult
+    from morphkit_rl.episodes import RobotReturns
 
 EXAMPLES = (
     "morphkit benchmark random",
@@ -29,6 +29,7 @@ def random(
     episodes: Annotated[int, typer.Option(min=1, metavar="N", help="Episodes a robot.")] = 100,
     seed: Annotated[int, typer.Option(min=0, help="Seed of starts and controls.")] = 0,
     file: Annotated[Path | None, typer.Option(metavar="FILE", help=FILE_HELP)] = None,
+    xacro_arg: common.XacroArgOption = None,
     output_format: Annotated[
         Literal["table", "markdown", "json"], typer.Option("--format", help="How to print the returns.")
     ] = "table",
@@ -43,7 +44,7 @@ def random(
     from morphkit_rl.random_policy import random_returns
 
     if robots:
-        descriptions = common.load_bodies(robots)
+        descriptions = common.load_bodies(robots, xacro_arg)
     else:
         descriptions = [member.description for member in members(load_benchmark(file))]
     results = []
@@ -59,14 +60,14 @@ def random(
         sys.stdout.write(table(COLUMNS, list(map(_cells, results)), right=COLUMNS[1:], width=terminal_width()))
 
 
-def _cells(result: RandomResult) -> tuple[str, ...]:
+def _cells(result: RobotReturns) -> tuple[str, ...]:
     low, high = result.interval
     expert = "-" if result.expert_return is None else f"{result.expert_return:.0f}"
     steps = sum(result.lengths) / len(result.lengths)
     return result.robot, f"{result.mean:.1f}", f"{low:.1f} to {high:.1f}", f"{result.std:.1f}", f"{steps:.1f}", expert
 
 
-def _record(result: RandomResult) -> dict[str, object]:
+def _record(result: RobotReturns) -> dict[str, object]:
     return {
         "robot": result.robot,
         "mean": result.mean,

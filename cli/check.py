@@ -59,6 +59,7 @@ def check(
         bool, typer.Option("--quick", help="Look at the text only: neither read meshes nor compile MJCF.")
     ] = False,
     package: common.PackageOption = None,
+    xacro_arg: common.XacroArgOption = None,
 ) -> None:
     """Look for mistakes in robot description files, and say where they are, why they matter and how to mend them.
 
@@ -76,11 +77,12 @@ def check(
     from morphkit.io.packages import parse_packages
 
     packages = parse_packages(package or [])
+    arguments = common.xacro_arguments(xacro_arg, *files)
     reports: list[Report] = []
     unreadable: list[MorphkitError] = []  # the other files are checked all the same
     for file in dict.fromkeys(files):
         try:
-            reports.append(_check(file, packages, severity, deep=not quick))
+            reports.append(_check(file, packages, arguments[file], severity, deep=not quick))
         except MorphkitError as error:
             unreadable.append(error)
     if reports:
@@ -116,7 +118,9 @@ def _sarif(reports: Sequence[Report]) -> str:
     return json.dumps(to_sarif(reports), indent=2) + "\n"
 
 
-def _check(file: str, packages: Mapping[str, Path], severity: Severity, *, deep: bool) -> Report:
+def _check(
+    file: str, packages: Mapping[str, Path], xacro_args: Mapping[str, str], severity: Severity, *, deep: bool
+) -> Report:
     from morphkit.errors import DescriptionError
     from morphkit.validation import check as check_file
 
@@ -130,7 +134,7 @@ def _check(file: str, packages: Mapping[str, Path], severity: Severity, *, deep:
             raise DescriptionError(
                 f"{file}: is cut when it is asked for; write it with 'morphkit ablate', then check it"
             )
-    report = check_file(path, packages=packages, shown=shown, deep=deep)
+    report = check_file(path, packages=packages, xacro_args=xacro_args, shown=shown, deep=deep)
     report.keep(severity)
     return report
 

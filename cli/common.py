@@ -29,6 +29,32 @@ PackageOption = Annotated[
 ]
 
 
+XacroArgOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--xacro-arg",
+        metavar="NAME:=VALUE",
+        help="Value of an argument of a .xacro file; others have their defaults. Can be given several times.",
+    ),
+]
+
+
+def xacro_arguments(options: Sequence[str] | None, *targets: str) -> dict[str, dict[str, str]]:
+    """What each of `targets` is to be read with: the arguments for a xacro file, nothing for another.
+
+    Raises:
+        ConfigError: An option is not of the form NAME:=VALUE.
+        UsageError: There are arguments, and none of the targets is a xacro file.
+    """
+    from morphkit.io.xacro import parse_arguments
+    from morphkit.robots import is_xacro
+
+    arguments = parse_arguments(options or ())
+    if arguments and not any(map(is_xacro, targets)):
+        raise UsageError(f"--xacro-arg is for .xacro files; {', '.join(targets)} is none.")
+    return {target: arguments if is_xacro(target) else {} for target in targets}
+
+
 class UsageError(typer.BadParameter):
     """Arguments that make no sense together."""
 
@@ -93,8 +119,12 @@ def duration(seconds: float) -> str:
     return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
 
 
-def load_bodies(targets: Sequence[str]) -> list[Description]:
+def load_bodies(targets: Sequence[str], xacro_args: Sequence[str] | None = None) -> list[Description]:
     """Load every body that the targets name: shipped robots, files, folders of files and manifests.
+
+    Args:
+        targets: What to load.
+        xacro_args: NAME:=VALUE arguments of those that are xacro files.
 
     Raises:
         UnknownNameError: Two different bodies have one name, so that results could not tell them apart.
@@ -103,8 +133,8 @@ def load_bodies(targets: Sequence[str]) -> list[Description]:
     from morphkit.robots import load_all
 
     bodies: dict[str, Description] = {}
-    for target in targets:
-        for description in load_all(target):
+    for target, arguments in xacro_arguments(xacro_args, *targets).items():
+        for description in load_all(target, xacro_args=arguments):
             known = bodies.setdefault(description.name, description)
             if known.source != description.source:
                 raise UnknownNameError(

@@ -42,6 +42,7 @@ def convert(
         str | None, typer.Option(metavar="NAME", help="The root link to take, where the file has several.")
     ] = None,
     package: common.PackageOption = None,
+    xacro_arg: common.XacroArgOption = None,
     force: Annotated[bool, typer.Option("--force", help="Replace OUT.xml and OUT_assets where they exist.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print what was done as JSON.")] = False,
 ) -> None:
@@ -56,7 +57,12 @@ def convert(
     from morphkit.robots import load
 
     check_target(output, force=force)
-    description = load(robot, root=root, packages=parse_packages(package or []))
+    description = load(
+        robot,
+        root=root,
+        packages=parse_packages(package or []),
+        xacro_args=common.xacro_arguments(xacro_arg, robot)[robot],
+    )
     conversion = convert_description(description, base=base, floor=floor)
     written = write_conversion(conversion, output, force=force)
     if as_json:

@@ -26,6 +26,7 @@ def diff(
         str | None, typer.Option(metavar="NAME", help="The top-level body to take, where the files have several.")
     ] = None,
     package: common.PackageOption = None,
+    xacro_arg: common.XacroArgOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print every change as JSON.")] = False,
 ) -> None:
     """Show what changed from one robot to another: limbs, joints, actuators, masses and tokens.
@@ -38,7 +39,8 @@ def diff(
     from morphkit.robots import load
 
     packages = parse_packages(package or [])
-    a, b = (load(robot, root=root, packages=packages) for robot in (first, second))
+    arguments = common.xacro_arguments(xacro_arg, first, second)
+    a, b = (load(robot, root=root, packages=packages, xacro_args=arguments[robot]) for robot in (first, second))
     comparison = compare(a, b, tolerance=tolerance)
     for robot, facts in ((first, comparison.first), (second, comparison.second)):
         for note in facts.notes:

@@ -45,6 +45,7 @@ def evaluate(
         Path | None,
         typer.Option(metavar="FILE", help="Film an episode: an .mp4 or .gif; of several bodies, FILE-<body> each."),
     ] = None,
+    xacro_arg: common.XacroArgOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, with the return of every episode.")] = False,
 ) -> None:
     """Run a trained policy on bodies, trained on or never seen, beside a random policy.
@@ -55,7 +56,7 @@ def evaluate(
     """
     if video is not None:
         _check_video(video)
-    bodies = common.load_bodies(robots)
+    bodies = common.load_bodies(robots, xacro_arg)
 
     from morphkit_rl.evaluation import evaluate as measure
 

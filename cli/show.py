@@ -42,6 +42,7 @@ def show(
         str | None, typer.Option(metavar="NAME", help="The top-level body to take, where the file has several.")
     ] = None,
     package: common.PackageOption = None,
+    xacro_arg: common.XacroArgOption = None,
 ) -> None:
     """Show a robot: as a tree in the terminal, as a picture, as a film of its joints, or in the browser.
 
@@ -54,7 +55,12 @@ def show(
     from morphkit.io.packages import parse_packages
     from morphkit.robots import load
 
-    description = load(robot, root=root, packages=parse_packages(package or []))
+    description = load(
+        robot,
+        root=root,
+        packages=parse_packages(package or []),
+        xacro_args=common.xacro_arguments(xacro_arg, robot)[robot],
+    )
     if png is not None:
         _draw(description, png)
     if gif is not None:

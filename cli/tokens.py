@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 SENSOR_COLUMNS = ("index", "sensor token", "text", "limb", "unit", "range", "frame")
 ACTUATOR_COLUMNS = ("index", "actuator token", "text", "limb", "joint", "unit", "range")
+SHOWN = 4
 
 EXAMPLES = (
     "morphkit tokens cheetah",
@@ -57,6 +58,7 @@ def tokens(
         str | None, typer.Option(metavar="NAME", help="The top-level body to take, where the file has several.")
     ] = None,
     package: common.PackageOption = None,
+    xacro_arg: common.XacroArgOption = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write to FILE instead of stdout.")
     ] = None,
@@ -73,7 +75,12 @@ def tokens(
     from morphkit.token_selection import take_quantities
     from morphkit.tokens import tokens as make_tokens
 
-    description = load(robot, root=root, packages=parse_packages(package or []))
+    description = load(
+        robot,
+        root=root,
+        packages=parse_packages(package or []),
+        xacro_args=common.xacro_arguments(xacro_arg, robot)[robot],
+    )
     morphology = read(description)
     spec = make_tokens(
         morphology,
@@ -86,6 +93,8 @@ def tokens(
     spec = take_quantities(spec, quantity or ())
     if sensors != "limb" and (silent := without_scalars(morphology)):
         typer.echo(f"note: no scalars from {', '.join(silent)}", err=True)
+    if spec.given_names:
+        typer.echo(f"note: {_given_names(spec)}", err=True)
     if output_format == "table":
         text = _table(spec, width=terminal_width() if output is None else None)
     else:
@@ -102,6 +111,17 @@ def _summary(spec: TokenSpec) -> str:
         f"{spec.morphology}: {common.count(len(spec.limbs), 'limb')}, "
         f"{common.count(len(spec.sensors), 'sensor token')}, {common.count(len(spec.actuators), 'actuator token')}"
     )
+
+
+def _given_names(spec: TokenSpec) -> str:
+    """How many names are given ones, with the first few and what each stands for."""
+    shown = []
+    for each in spec.given_names[:SHOWN]:
+        what = f"{each.kind} {each.original!r}" if each.original is not None else f"a {each.kind} without a name"
+        shown.append(f"{each.given!r} is {what}" + (f" at {each.where}" if each.where else ""))
+    rest = len(spec.given_names) - len(shown)
+    more = f"; {rest} more, see given_names in the JSON form" if rest else ""
+    return f"{common.count(len(spec.given_names), 'name')} not as in the file: {'; '.join(shown)}{more}"
 
 
 def _range(low: float | None, high: float | None) -> str:

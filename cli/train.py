@@ -64,6 +64,7 @@ def train(
         Literal["planar", "free", "fixed"] | None,
         typer.Option(help="How the root is attached to the world, where the file leaves it open."),
     ] = None,
+    xacro_arg: common.XacroArgOption = None,
     device: Annotated[str | None, typer.Option(help="PyTorch device, such as cpu or cuda.", show_default="cpu")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress and no summary.")] = False,
@@ -85,6 +86,7 @@ def train(
             "--seed": seed is not None,
             "--task": task,
             "--base": base,
+            "--xacro-arg": xacro_arg,
             "--device": device,
         }
         given = [option for option, value in fixed.items() if value]
@@ -92,7 +94,7 @@ def train(
             raise common.UsageError(f"a resumed run keeps its bodies and settings; leave out {', '.join(given)}.")
     elif not robots:
         raise common.UsageError("say what to train on: robots, files, folders or manifests.")
-    bodies = common.load_bodies(robots)
+    bodies = common.load_bodies(robots, xacro_arg)
 
     from morphkit_rl import trainer
     from morphkit_rl.config import load_config

@@ -9,16 +9,23 @@ from pathlib import Path
 from types import MappingProxyType
 
 from morphkit.description import Description, RobotInfo
-from morphkit.errors import DescriptionError, MorphkitError, UnknownNameError
+from morphkit.errors import ConfigError, DescriptionError, MorphkitError, UnknownNameError
 from morphkit.naming import did_you_mean
 from morphkit.robot_info import FILE_NAME, Recipe, RobotToml, read_robot_toml
 
 MANIFEST = "manifest.json"
 _SUFFIXES = (".urdf", ".xml")
 _NO_PACKAGES: Mapping[str, Path] = MappingProxyType({})
+_NO_ARGUMENTS: Mapping[str, str] = MappingProxyType({})
 
 
-def load(target: str | Path, *, root: str | None = None, packages: Mapping[str, Path] = _NO_PACKAGES) -> Description:
+def load(
+    target: str | Path,
+    *,
+    root: str | None = None,
+    packages: Mapping[str, Path] = _NO_PACKAGES,
+    xacro_args: Mapping[str, str] = _NO_ARGUMENTS,
+) -> Description:
     """Load one robot.
 
     Args:
@@ -27,6 +34,7 @@ def load(target: str | Path, *, root: str | None = None, packages: Mapping[str, 
             of a family (a `manifest.json` or its folder) of a single variant.
         root: Top-level body or link to take where the file has several.
         packages: Folder of each ROS package or Gazebo model that the file refers to, by name; see `io.packages`.
+        xacro_args: Values of a xacro file's arguments, by name.
 
     Returns:
         The description. What stands in a `robot.toml` or `manifest.json` beside a file that names the file goes along.
@@ -35,8 +43,9 @@ def load(target: str | Path, *, root: str | None = None, packages: Mapping[str, 
         UnknownNameError: There is no such robot and no such file; the message names the nearest.
         DescriptionError: The file is empty, not XML, or neither URDF nor MJCF, or what stands beside it is damaged.
         DependencyError: A xacro file, and the library that expands it is not installed.
+        ConfigError: There are `xacro_args`, and the file is no xacro file.
     """
-    found = load_all(target, root=root, packages=packages)
+    found = load_all(target, root=root, packages=packages, xacro_args=xacro_args)
     if len(found) != 1:
         names = ", ".join(description.name for description in found)
         raise DescriptionError(f"{target}: holds {len(found)} robots where one is expected; give one file of: {names}")
@@ -44,7 +53,11 @@ def load(target: str | Path, *, root: str | None = None, packages: Mapping[str, 
 
 
 def load_all(
-    target: str | Path, *, root: str | None = None, packages: Mapping[str, Path] = _NO_PACKAGES
+    target: str | Path,
+    *,
+    root: str | None = None,
+    packages: Mapping[str, Path] = _NO_PACKAGES,
+    xacro_args: Mapping[str, str] = _NO_ARGUMENTS,
 ) -> list[Description]:
     """Load one robot, or all variants of a family.
 
@@ -53,6 +66,7 @@ def load_all(
             folder of description files gives them all, sorted by file name.
         root: As in `load`.
         packages: As in `load`.
+        xacro_args: As in `load`.
 
     Returns:
         At least one description.
@@ -60,7 +74,10 @@ def load_all(
     Raises:
         UnknownNameError: There is no such robot and no such file.
         DescriptionError: A file is not what it says, or differs from the SHA-256 in its manifest.
+        ConfigError: As in `load`.
     """
+    if xacro_args and not is_xacro(target):
+        raise ConfigError(f"{target}: is no .xacro file, and only those have arguments for --xacro-arg")
     tomls = _shipped_tomls()
     if str(target) in tomls:
         return [_full(tomls[str(target)], root)]
@@ -71,8 +88,8 @@ def load_all(
     try:
         if not path.exists():
             raise _unknown(path, tomls)
-        if path.suffix == ".xacro" and path.is_file():
-            return [_expand(path, root, packages)]
+        if is_xacro(path) and path.is_file():
+            return [_expand(path, root, packages, xacro_args)]
         return [
             replace(description, packages={**description.packages, **packages})
             for description in _load_path(path, root)
@@ -81,6 +98,11 @@ def load_all(
         if isinstance(error, MorphkitError):
             raise
         raise DescriptionError(f"{error.filename or target}: cannot be read: {error.strerror}") from error
+
+
+def is_xacro(target: str | Path) -> bool:
+    """Whether `target` is expanded before it is read, going by its name."""
+    return Path(target).suffix == ".xacro"
 
 
 def shipped() -> list[Description]:
@@ -202,11 +224,11 @@ def _describe(path: Path, name: str, info: RobotInfo, root: str | None) -> Descr
     return Description(name, path.name, form, source, path.parent, info, root)
 
 
-def _expand(path: Path, root: str | None, packages: Mapping[str, Path]) -> Description:
+def _expand(path: Path, root: str | None, packages: Mapping[str, Path], xacro_args: Mapping[str, str]) -> Description:
     """The URDF that a xacro file describes."""
     from morphkit.io import xacro, xml
 
-    source = xacro.expand(path, packages)
+    source = xacro.expand(path, packages, xacro_args)
     file = path.name.removesuffix(".xacro").removesuffix(".urdf") + ".urdf"
     form = xml.root_format(xml.parse(source, file=f"{path} (expanded)"), file=f"{path} (expanded)")
     return Description(Path(file).stem, file, form, source, path.parent, root=root, packages=packages)

@@ -14,16 +14,23 @@ from morphkit.validation.meshes import MeshFacts, check_meshes
 from morphkit.validation.probe import Answer, probe
 
 _NO_PACKAGES: Mapping[str, Path] = MappingProxyType({})
+_NO_ARGUMENTS: Mapping[str, str] = MappingProxyType({})
 
 
 def check(
-    path: str | Path, *, packages: Mapping[str, Path] = _NO_PACKAGES, shown: str | None = None, deep: bool = True
+    path: str | Path,
+    *,
+    packages: Mapping[str, Path] = _NO_PACKAGES,
+    xacro_args: Mapping[str, str] = _NO_ARGUMENTS,
+    shown: str | None = None,
+    deep: bool = True,
 ) -> Report:
     """Check a URDF or MJCF file.
 
     Args:
         path: The file.
         packages: Folder of each ROS package or Gazebo model that may be read, by name.
+        xacro_args: Values of a xacro file's arguments, by name.
         shown: What the file is called in findings; None for `path`.
         deep: Whether meshes are read and MJCF is compiled, in a process of its own.
 
@@ -33,11 +40,12 @@ def check(
     Raises:
         DescriptionError: There is no such file, or it cannot be read.
         DependencyError: The library that expands xacro is missing.
+        UnknownNameError: The xacro file has no argument of a name in `xacro_args`.
     """
     path = Path(path)
     report = Report(shown if shown is not None else str(path))
     try:
-        doc = open_document(path, report, packages)
+        doc = open_document(path, report, packages, xacro_args)
     except OSError as error:
         raise DescriptionError(f"{path}: cannot be read: {error.strerror or error}") from error
     if doc is not None and report.format == "urdf":

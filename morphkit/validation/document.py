@@ -136,7 +136,9 @@ class Document:
             raise
 
 
-def open_document(path: Path, report: Report, packages: Mapping[str, Path]) -> Document | None:
+def open_document(
+    path: Path, report: Report, packages: Mapping[str, Path], xacro_args: Mapping[str, str]
+) -> Document | None:
     """Parse a description file; None where it is none, which the report then says.
 
     A `.xacro` file is expanded first; its findings name no lines, because those of the text it makes mean nothing.
@@ -144,12 +146,13 @@ def open_document(path: Path, report: Report, packages: Mapping[str, Path]) -> D
     Raises:
         OSError: The file cannot be read.
         DependencyError: The library that expands xacro is missing.
+        UnknownNameError: The xacro file has no argument of a name in `xacro_args`.
     """
     if not path.is_file():
         raise IsADirectoryError(EISDIR, os.strerror(EISDIR)) if path.is_dir() else OSError(ENXIO, "no regular file")
     try:
         expanded = path.suffix == ".xacro"
-        source = expand(path, packages) if expanded else xml.read_limited(path)
+        source = expand(path, packages, xacro_args) if expanded else xml.read_limited(path)
         tree = xml.parse(source, file=report.file)
     except DescriptionError as error:
         _, line, reason = split_message(error)

@@ -5,11 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from morphkit.errors import AssetError, ConfigError, DependencyError, DescriptionError
+from morphkit.errors import AssetError, ConfigError, DependencyError, DescriptionError, UnknownNameError
 from morphkit.io import read, xacro
 from morphkit.io.packages import parse_packages, split_reference
 from morphkit.io.resolve import resolve_asset
+from morphkit.io.xacro import parse_arguments
 from morphkit.robots import load
+from morphkit_cli.main import run
 
 XACRO = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
 <xacro:property name="size" value="0.3"/>
@@ -114,6 +116,46 @@ def test_xacro_is_expanded(tmp_path: Path) -> None:
     assert [limb.name for limb in read(robot).limbs] == ["base", "leg_1", "leg_2"]
     assert b'xyz="0.6 0 0"' in robot.source
     assert f"file://{bot}/m.stl".encode() in robot.source
+
+
+ARGUMENTS = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:arg name="prefix" default="a_"/><xacro:include filename="more.xacro"/>
+<link name="$(arg prefix)base_$(arg end)"/></robot>
+"""
+
+
+def test_xacro_arguments(tmp_path: Path) -> None:
+    pytest.importorskip("xacro")
+    (tmp_path / "r.xacro").write_text(ARGUMENTS)
+    more = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="end" default=""/></robot>'
+    (tmp_path / "more.xacro").write_text(more)
+    arguments = parse_arguments(["prefix:=left:=", "end:="])
+    assert read(load(tmp_path / "r.xacro", xacro_args=arguments)).root.name == "left:=base_"
+    with pytest.raises(UnknownNameError, match="no argument 'prefx'; did you mean 'prefix'") as caught:
+        load(tmp_path / "r.xacro", xacro_args={"prefx": "b_", "end": "c"})
+    assert str(caught.value).endswith("(its arguments: prefix (default 'a_'), end (default ''))")
+
+
+def test_only_xacro_files_have_arguments(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="expected NAME:=VALUE"):
+        parse_arguments(["prefix=b"])
+    with pytest.raises(ConfigError, match=r"cheetah: is no \.xacro file"):
+        load("cheetah", xacro_args={"a": "b"})
+
+
+def test_commands_take_xacro_arguments(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("xacro")
+    (tmp_path / "r.xacro").write_text(ARGUMENTS.replace('<xacro:include filename="more.xacro"/>', ""))
+    file, argument = str(tmp_path / "r.xacro"), "--xacro-arg=end:=7"
+    assert run(["tokens", file, argument]) == 2
+    assert "has no argument 'end' (its arguments: prefix" in capsys.readouterr().err
+    declared = ARGUMENTS.replace('<xacro:include filename="more.xacro"/>', '<xacro:arg name="end" default=""/>')
+    (tmp_path / "r.xacro").write_text(declared)
+    assert run(["check", file, "--quick", argument]) == 0
+    assert run(["show", file, argument]) == 0
+    assert "a_base_7" in capsys.readouterr().out
+    assert run(["show", "cheetah", argument]) == 2
+    assert "--xacro-arg is for .xacro files; cheetah is none" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
