@@ -35,7 +35,7 @@ that leave a file's folder are allowed within its collection, as with `--package
 
 A limb is compared in one of two forms. *with meshes*: all meshes found and converted to what MuJoCo reads. *mesh-free*:
 for robots of which that form does not compile, for limbs whose skin `MjSpec.delete` leaves behind, and for the rest of
-a robot after 5 s with meshes. Both models are changed in the same way until MuJoCo compiles them: every mesh is a small
+a robot after 2 s with meshes. Both models are changed in the same way until MuJoCo compiles them: every mesh is a small
 tetrahedron and a missing height field a small sphere; sizes of 0 become 1 mm, masses are bounded and inertias balanced;
 skins, lengths of muscles and limits on memory are left out; materials and geoms that are named but stand in no file of
 the robot are added; and what MuJoCo's importer cannot parse of a URDF is left out or filled in (a second axis, an

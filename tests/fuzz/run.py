@@ -21,15 +21,15 @@ SECONDS_A_FILE = 20
 SECONDS_A_WORKER = 60
 
 
-def work(seed: int, folder: Path) -> int:
-    """Try files of one seed for a minute; 1 where one raised: it is left, as small as hypothesis could make it."""
+def work(seed: int, folder: Path, seconds: float) -> int:
+    """Try files of one seed for so long; 1 where one raised: it is left, as small as hypothesis could make it."""
     from hypothesis import HealthCheck, Phase, given, settings
     from hypothesis import seed as seeded
 
     from .strategies import broken_files
     from .target import attempt
 
-    end = time.monotonic() + SECONDS_A_WORKER
+    end = time.monotonic() + seconds
     ends: Counter[str] = Counter()
 
     @seeded(seed)
@@ -73,21 +73,20 @@ def main() -> int:
     arguments = parser.parse_args()
     arguments.folder.mkdir(parents=True, exist_ok=True)
     if arguments.worker:
-        return work(arguments.seed, arguments.folder)
+        return work(arguments.seed, arguments.folder, 60 * arguments.minutes)
     end = time.monotonic() + 60 * arguments.minutes
     seed, found, ends = arguments.seed, 0, Counter[str]()
     while time.monotonic() < end:
         for name in ("reason", "failing"):
             (arguments.folder / name).unlink(missing_ok=True)
+        minutes = min(SECONDS_A_WORKER, end - time.monotonic()) / 60
+        options = {"--seed": seed, "--folder": arguments.folder, "--minutes": minutes}
         command = [
             sys.executable,
             "-m",
             "tests.fuzz.run",
             "--worker",
-            "--seed",
-            str(seed),
-            "--folder",
-            str(arguments.folder),
+            *(str(o) for pair in options.items() for o in pair),
         ]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.stdout.startswith("{"):
