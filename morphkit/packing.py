@@ -10,10 +10,13 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
-from morphkit.assets import Asset, Mention, find_asset, find_assets, mentions, place_of
+from morphkit.assets import Asset, Mention, find_asset, mentions, place_of
 from morphkit.cutting.loss import Loss
 from morphkit.cutting.source import Source
 from morphkit.description import Description
+from morphkit.errors import MorphkitError
+from morphkit.io.attached import files_of_model
+from morphkit.io.packages import split_reference
 from morphkit.io.xml import parse
 
 AssetMode = Literal["copy", "reference"]
@@ -46,11 +49,12 @@ class Packer:
         named = list(mentions(parse(description.source, file=description.file).getroot()))
         found = {each.reference: find_asset(each.reference, description) for each in named}
         lost = [Loss("asset", name, "", asset.problem) for name, asset in found.items() if asset.path is None]
+        target: Callable[[Asset], str] = self._reference if self._mode == "reference" else self._copy
         for each in named:
             path = found[each.reference].path
-            if each.element.tag == "model" and path is not None and self._mode == "copy":
-                lost += self._copy_parts(path, PurePosixPath(self._copy(found[each.reference])).parent)
-        target: Callable[[Asset], str] = self._reference if self._mode == "reference" else self._copy
+            if each.element.tag == "model" and path is not None:
+                place = PurePosixPath(target(found[each.reference])).parent
+                lost += self._pack_parts(path, place, description)
         targets = {name: target(asset) for name, asset in found.items() if asset.path is not None}
         in_place = self._mode == "copy"
         if all(each.reference not in targets or _right(each, targets, in_place) for each in named):
@@ -59,16 +63,22 @@ class Packer:
         rewritten = list(_rewrite(source.root, targets, in_place=in_place))
         return source.render(), [*lost, *(rewritten if in_place else [])]
 
-    def _copy_parts(self, model: Path, place: PurePosixPath) -> Iterator[Loss]:
-        """Copy the assets of a model to attach, which lie where that model's file says, to stand below `place`."""
-        part = Description(model.stem, model.name, "mjcf", model.read_bytes(), model.parent)
-        for asset in find_assets(part):
-            if asset.path is None or asset.place is None:
-                yield Loss(
-                    "asset", asset.reference, "", f"of {model.name}: {asset.problem or 'lies outside its folder'}"
-                )
-            else:
-                self._copy(replace(asset, place=place / asset.place))
+    def _pack_parts(self, model: Path, place: PurePosixPath, description: Description) -> Iterator[Loss]:
+        """Bring along the files of a model to attach, a copy of which is in `place`: they are found from its folder."""
+        try:
+            files = list(files_of_model(model, description))
+        except (OSError, MorphkitError) as error:
+            yield Loss("asset", model.name, "", str(error).splitlines()[0])
+            return
+        for asset in files:
+            inside = asset.place if split_reference(asset.reference) is not None else asset.reference
+            wanted = place_of((place / inside).as_posix()) if inside is not None else None
+            if asset.path is None:
+                yield Loss("asset", asset.reference, "", f"of {model.name}: {asset.problem}")
+            elif self._mode == "reference":
+                self._reference(asset)
+            elif wanted is None or self._copy(replace(asset, place=wanted)) != wanted.as_posix():
+                yield Loss("asset", asset.reference, "", f"of {model.name}: no copy can lie where it is looked for")
 
     def _reference(self, asset: Asset) -> str:
         """Enter a file; return its path relative to the folder."""

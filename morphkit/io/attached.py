@@ -6,11 +6,15 @@ the files of each start in.
 
 from __future__ import annotations
 
+import os
+import posixpath
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from lxml import etree
 
-from morphkit.assets import mentions
+from morphkit.assets import Asset, find_asset, mentions, place_of
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
 from morphkit.io import xml
@@ -77,6 +81,43 @@ def _follow(
         model.set("file", name)
         if places is not None:
             places.add(part.getroot(), text, path.name, main=False)
+
+
+def files_of_model(path: Path, description: Description, *, above: tuple[Path, ...] = ()) -> Iterator[Asset]:
+    """Yield every file that a model to attach needs, references and places as seen from the folder of that model.
+
+    Those are the files that it includes, its meshes and other assets, the models that it attaches itself, and theirs.
+
+    Args:
+        path: The model.
+        description: What attaches it.
+        above: The models on the way to it.
+
+    Raises:
+        AssetError: The model, or a file that it includes, cannot be read.
+        DescriptionError: It is no robot description.
+    """
+    source = xml.read_limited(path)
+    tree = xml.parse(source, file=path.name)
+    form = xml.root_format(tree, file=path.name)
+    part = Description(path.stem, path.name, form, source, path.parent, packages=readable(description))
+    included: list[Path] = []
+    if form == "mjcf":
+        packages = part.packages
+        flatten_includes(
+            tree, path.parent, file=path.name, packages=packages, read=lambda _, file: included.append(file)
+        )
+    for file in included:
+        reference = Path(os.path.relpath(file, path.parent.resolve())).as_posix()
+        yield Asset(reference, place_of(reference), file)
+    for each in mentions(tree.getroot()):
+        asset = find_asset(each.reference, part)
+        yield asset
+        if each.element.tag == "model" and asset.path is not None and asset.path not in above:
+            folder = posixpath.dirname(each.reference)
+            for below in files_of_model(asset.path, part, above=(*above, asset.path)):
+                reference = posixpath.join(folder, below.reference)
+                yield replace(below, reference=reference, place=place_of(reference))
 
 
 def abridged_path(above: tuple[Path, ...], end: Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import posixpath
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,8 +12,11 @@ import numpy as np
 
 from morphkit.cutting.defaults import Defaults
 from morphkit.cutting.frames import Angles, identity
+from morphkit.description import Description
+from morphkit.errors import AssetError, DescriptionError
+from morphkit.io.attached import files_of_model
 from morphkit.validation.bodies import Shape, check_body
-from morphkit.validation.document import Document, elements
+from morphkit.validation.document import Document, elements, one_line
 from morphkit.validation.meshes import MeshFacts, MeshUse, corners
 
 _FILES = ("file", "fileback", "filedown", "filefront", "fileleft", "fileright", "fileup")
@@ -34,6 +38,8 @@ def find_meshes(doc: Document) -> dict[str, MeshUse]:
             if settings.get("strippath") == "true":
                 reference = posixpath.basename(reference)
             path = _find(doc, asset, posixpath.join(folder, reference))
+            if path is not None and asset.tag == "model":
+                _find_parts(doc, asset, path)
             if path is not None and asset.tag == "mesh":
                 name = asset.get("name") or Path(reference).stem
                 meshes[name] = _use(doc, asset, name, path, defaults)
@@ -43,6 +49,23 @@ def find_meshes(doc: Document) -> dict[str, MeshUse]:
 def _find(doc: Document, asset: Any, reference: str) -> Path | None:
     name = asset.get("name") or Path(reference).stem
     return doc.find_asset(asset, reference, f"{asset.tag} {name!r}", name, missing="mesh-missing")
+
+
+def _find_parts(doc: Document, asset: Any, model: Path) -> None:
+    """Report what a model to attach needs, from its own folder, and is missing."""
+    description = Description(model.stem, model.name, "mjcf", b"", doc.folder, packages=doc.packages)
+    owner = f"model {(asset.get('name') or model.stem)!r}"
+    try:
+        files = list(files_of_model(model, description))
+    except AssetError as error:
+        doc.add("include-missing", asset, f"{owner}: {one_line(error)}")
+        return
+    except (OSError, DescriptionError):
+        return  # MuJoCo, which is asked too, says what is wrong with it
+    folder = os.path.relpath(model.parent, doc.folder.resolve())
+    for each in files:
+        if each.path is None:
+            doc.find_asset(asset, posixpath.join(folder, each.reference), owner, model.name, missing="mesh-missing")
 
 
 def _use(doc: Document, asset: Any, name: str, path: Path, defaults: Defaults) -> MeshUse:
