@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +25,38 @@ class Played(NamedTuple):
     returns: list[np.ndarray]
     lengths: list[np.ndarray]
     diverged: list[int]
+
+
+@dataclass(frozen=True)
+class RobotReturns:
+    """Episodes of one controller on one robot.
+
+    Attributes:
+        robot: Name of the robot.
+        returns: Return of each episode.
+        lengths: Control steps of each episode.
+        expert_return: Return of a single-robot expert; None where unknown.
+    """
+
+    robot: str
+    returns: tuple[float, ...]
+    lengths: tuple[int, ...]
+    expert_return: float | None
+
+    @property
+    def mean(self) -> float:
+        """Mean return."""
+        return float(np.mean(self.returns))
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of the returns."""
+        return float(np.std(self.returns))
+
+    @cached_property
+    def interval(self) -> tuple[float, float]:
+        """95 % percentile bootstrap interval of the mean return."""
+        return mean_interval(self.returns)
 
 
 def play(env: BatchEnv, act: Act) -> Played:

@@ -17,42 +17,24 @@ from morphkit.morphology import Base
 from morphkit.simulation import Simulation
 from morphkit_rl import runs
 from morphkit_rl.envs.batch import BatchEnv
-from morphkit_rl.episodes import mean_interval, normalised, play, random_controller
+from morphkit_rl.episodes import RobotReturns, mean_interval, normalised, play, random_controller
 from morphkit_rl.policy import Policy
 from morphkit_rl.robots import Robot
 
 
 @dataclass(frozen=True)
-class RobotResult:
-    """Returns of a trained and a random policy on one robot.
+class RobotResult(RobotReturns):
+    """Noise-free returns of a trained policy on one robot, beside those of a random one.
 
     Attributes:
-        robot: Name of the robot.
         trained_on: Whether training saw the robot.
-        returns: Return of each noise-free episode.
         random_returns: Return of each episode with actions drawn uniformly from the control ranges.
-        lengths: Steps of each noise-free episode.
-        expert_return: Return of a single-robot expert; None where unknown.
         diverged: Noise-free episodes that ended because the simulation diverged.
     """
 
-    robot: str
     trained_on: bool
-    returns: tuple[float, ...]
     random_returns: tuple[float, ...]
-    lengths: tuple[int, ...]
-    expert_return: float | None
     diverged: int = 0
-
-    @property
-    def mean(self) -> float:
-        """Mean return of the policy."""
-        return float(np.mean(self.returns))
-
-    @property
-    def std(self) -> float:
-        """Standard deviation of the policy's returns."""
-        return float(np.std(self.returns))
 
     @property
     def random_mean(self) -> float:

@@ -3,48 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-
-import numpy as np
 
 from morphkit.description import Description
 from morphkit.errors import ConfigError
 from morphkit.morphology import Base
 from morphkit_rl.envs.batch import BatchEnv
-from morphkit_rl.episodes import mean_interval, play, random_controller
+from morphkit_rl.episodes import RobotReturns, play, random_controller
 from morphkit_rl.robots import prepare
-
-
-@dataclass(frozen=True)
-class RandomResult:
-    """Episodes of the random policy on a robot.
-
-    Attributes:
-        robot: Name of the robot.
-        returns: Return of each episode.
-        lengths: Control steps of each episode.
-        expert_return: Return of a single-robot expert; None where unknown.
-    """
-
-    robot: str
-    returns: tuple[float, ...]
-    lengths: tuple[int, ...]
-    expert_return: float | None
-
-    @property
-    def mean(self) -> float:
-        """Mean return."""
-        return float(np.mean(self.returns))
-
-    @property
-    def std(self) -> float:
-        """Standard deviation of the returns."""
-        return float(np.std(self.returns))
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """95 % percentile bootstrap interval of the mean return."""
-        return mean_interval(self.returns)
 
 
 def random_returns(
@@ -54,7 +19,7 @@ def random_returns(
     *,
     task: str | None = None,
     base: Base | None = None,
-) -> Iterator[RandomResult]:
+) -> Iterator[RobotReturns]:
     """Play random episodes on robots: controls drawn uniformly from their ranges, anew at every control step.
 
     A robot's episodes run side by side, as many as there are; its result depends on its name, `episodes` and `seed`,
@@ -80,4 +45,4 @@ def random_returns(
         env = BatchEnv([robot.simulation], [robot.task], episodes, seed=seed)
         (returns,), (lengths,), _ = play(env, random_controller(env, seed))
         env.close()
-        yield RandomResult(robot.name, tuple(returns.tolist()), tuple(lengths.tolist()), description.info.expert_return)
+        yield RobotReturns(robot.name, tuple(returns.tolist()), tuple(lengths.tolist()), description.info.expert_return)
