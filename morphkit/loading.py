@@ -15,6 +15,7 @@ from morphkit.io.attached import attach_models
 from morphkit.io.limits import check_mjcf
 from morphkit.io.mjcf_names import name_elements
 from morphkit.io.urdf_names import name_elements as name_links
+from morphkit.mending import mend
 from morphkit.mesh_files import read_for_mujoco
 
 
@@ -40,8 +41,10 @@ def load_spec(description: Description, *, incomplete: set[str] | None = None) -
     tree = xml.parse(description.source, file=description.file)
     references: dict[str, str] = {}
     models: dict[str, bytes] = {}
+    mended: tuple[str, ...] = ()
     if description.format == "urdf":
         name_links(tree.getroot(), file=description.file)
+        mended = tuple(mend(tree.getroot()))
         references = _prepare_urdf(tree.getroot())
     else:
         resolve.flatten_includes(tree, description.folder, file=description.file, packages=description.packages)
@@ -53,6 +56,7 @@ def load_spec(description: Description, *, incomplete: set[str] | None = None) -
         raise DescriptionError(f"{description.file}: MuJoCo cannot read it: {error}") from error
     name_elements(spec)
     notes = [
+        *mended,
         *_resolve_meshes(spec, description, references, incomplete),
         *_resolve_fields(spec, description, incomplete),
         *_resolve_skins(spec, description),

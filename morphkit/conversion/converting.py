@@ -84,6 +84,11 @@ def convert(description: Description, *, base: Base | None = None, floor: bool |
     root = spec.body(morphology.root.name)
     if root is None:
         raise DescriptionError(f"{description.file}: MuJoCo made no body of root {morphology.root.name!r}")
+    if len(spec.bodies) == 1:
+        raise DescriptionError(
+            f"{description.file}: there is no link but {root.name!r}; if a xacro macro stands for the rest, expand it first:"
+            f" xacro {description.file} > robot.urdf"
+        )
     own_base = morphology.base if list(root.joints) else None
     if own_base is not None and base not in (None, own_base):
         raise ConfigError(
@@ -95,7 +100,7 @@ def convert(description: Description, *, base: Base | None = None, floor: bool |
         f"joints got armature {completion.URDF_ARMATURE:g}, those without damping {completion.URDF_DAMPING:g};"
         " links do not collide with each other"
     )
-    notes += settle_masses(spec)
+    notes += settle_masses(spec, moving=() if base == "fixed" else (root.name,))
     notes += _settle_meshes(spec, description.file)
     floor = base != "fixed" if floor is None else floor
     if base != "fixed":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any
 
 import mujoco
@@ -19,12 +19,16 @@ STAND_IN_MASS = 1e-3
 STAND_IN_GYRATION = 0.01
 
 
-def settle_masses(spec: mujoco.MjSpec) -> Iterator[str]:
+def settle_masses(spec: mujoco.MjSpec, moving: Collection[str] = ()) -> Iterator[str]:
     """Make every mass and inertia possible, in place; yield a sentence for each change.
 
     Links without a mass weigh nothing, whatever their shapes; a moving one to which nothing heavy is fixed gets 1 g. An
     inertia of zero becomes that of a radius of gyration of 1 cm. Impossible ones keep their axes: negative moments
     become small, and the smaller ones grow until no moment exceeds the sum of the others.
+
+    Args:
+        spec: Changed in place.
+        moving: Names of bodies that are to move although they have no joint yet.
 
     Raises:
         DescriptionError: An inertia is infinite.
@@ -38,7 +42,7 @@ def settle_masses(spec: mujoco.MjSpec) -> Iterator[str]:
         body.explicitinertial = False
         for geom in body.geoms:
             geom.mass = 0
-        if list(body.joints) and not _carries_mass(body):
+        if (list(body.joints) or body.name in moving) and not _carries_mass(body):
             _set(body, STAND_IN_MASS, np.full(3, STAND_IN_MASS * STAND_IN_GYRATION**2))
             yield f"link {body.name!r} moves and has no mass: it got {STAND_IN_MASS:g} kg"
 

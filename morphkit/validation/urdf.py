@@ -8,9 +8,10 @@ from typing import Any
 
 from morphkit.io.common import nearest
 from morphkit.io.urdf_checks import JOINT_TYPES
-from morphkit.validation.common import index_names, shorten, unknown
+from morphkit.validation.common import index_names, read_numbers, shorten, unknown
 from morphkit.validation.document import Document, elements
 
+_XACRO_DEFINITIONS = ("property", "arg", "macro", "include")
 _XACRO = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}", "xacro:")
 _OWN = ("robot", "link", "joint", "mesh", "origin", "parent", "child", "mass", "inertia", "limit")
 _FEW = 8
@@ -167,6 +168,11 @@ def _check_materials(doc: Document) -> None:
     inline = [material for link in elements(doc.root, "link") for material in link.iter("material")]
     defined = {each.get("name") for each in [*top, *inline] if len(elements(each))}
     used = {each.get("name") for each in inline}
+    for colour in (colour for material in [*top, *inline] for colour in elements(material, "color")):
+        owner = f"material {colour.getparent().get('name')!r}"
+        if colour.get("rgba") is None:
+            doc.add("number-invalid", colour, f"<color> of {owner} has no rgba")
+        read_numbers(doc, colour, "rgba", range(4, 5), owner=owner)
     for material in inline:
         name = material.get("name")
         if name and name not in defined:
@@ -180,14 +186,23 @@ def _check_materials(doc: Document) -> None:
             doc.add("asset-unused", material, what, name=material.get("name") or "")
 
 
+def _xacro_name(element: Any) -> str:
+    return str(element.tag).rpartition("}")[2].removeprefix("xacro:")
+
+
 def check_xacro(doc: Document) -> None:
     """Report what xacro should have expanded."""
     for element in doc.root.iter():
         if not isinstance(element.tag, str):
             continue
         if element.tag.startswith(_XACRO):
-            name = element.tag.rpartition("}")[2].removeprefix("xacro:")
-            doc.add("xacro-leftover", element, f"<xacro:{name}> is left over")
+            name = _xacro_name(element)
+            if any(_xacro_name(above) == "macro" for above in element.iterancestors()):
+                continue  # part of a definition
+            if name in _XACRO_DEFINITIONS:
+                doc.add("xacro-leftover", element, f"<xacro:{name}> is left over")
+            else:
+                doc.add("xacro-unexpanded", element, f"<xacro:{name}> stands for elements that are missing")
         elif not any(above.tag.startswith(_XACRO) for above in element.iterancestors()):
             for key, value in element.attrib.items():
                 if "${" in value or ("$(" in value and "$(find" not in value and element.tag in _OWN):

@@ -133,7 +133,8 @@ def _check_shape(doc: Document, name: str, part: Any) -> list[MeshUse]:
             numbers = read_numbers(doc, shape, attribute, counts, owner=owner)
             if shape.get(attribute) is None or (numbers is not None and min(numbers) <= 0):
                 what = f"{owner}: <{shape.tag}> has {attribute} {shape.get(attribute) or 'nowhere'}"
-                doc.add("geometry-size", shape, what, name=name)
+                empty = part.tag == "visual" and numbers is not None and min(numbers) == 0
+                doc.add("geometry-empty" if empty else "geometry-size", shape, what, name=name)
         return []
     return _check_mesh(doc, name, part, shape, owner, pose)
 

@@ -108,6 +108,7 @@ URDFS = {
     "centre-outside": (urdf(leg=inertial(origin='<origin xyz="30 0 0"/>') + BALL), 3),
     "mass-density": (urdf(leg=inertial("5000", moments("20", "20", "20")) + BALL), 3),
     "geometry-missing": (urdf(leg=inertial() + "<collision/>"), 3),
+    "geometry-empty": (urdf(leg=inertial() + BALL + visual('<box size="0 0 0"/>')), 3),
     "geometry-size": (urdf(leg=inertial() + visual('<box size="1 1 0"/>', tag="collision")), 3),
     "file-outside": (urdf(leg=inertial() + BALL + visual('<mesh filename="/etc/hostname"/>')), 3),
     "collision-missing": (urdf(leg=inertial() + visual('<sphere radius="0.1"/>')), 3),
@@ -192,6 +193,23 @@ def test_mjcf_with_one_mistake(tmp_path: Path, rule: str) -> None:
     text, line = MJCFS[rule]
     report = check_text(tmp_path, "r.xml", text, deep=rule in COMPILED)
     assert lines_of(report, rule)[:1] == [line]
+
+
+@pytest.mark.parametrize(
+    ("extra", "rules_found"),
+    [
+        ("<xacro:arm/>", ["xacro-unexpanded"]),
+        ("<xacro:if value='1'><link name='x'/></xacro:if>", ["xacro-unexpanded"]),
+        ("<xacro:macro name='arm'><xacro:if value='1'/></xacro:macro>", ["xacro-leftover"]),
+        ("<xacro:include filename='x'/>", ["xacro-leftover"]),
+        ("<material name='m'><color rgba='1 0 0 0 1'/></material>", ["number-invalid", "asset-unused"]),
+        ("<material name='m'><color/></material>", ["number-invalid", "asset-unused"]),
+    ],
+)
+def test_what_is_left_of_xacro_and_colours(tmp_path: Path, extra: str, rules_found: list[str]) -> None:
+    text = urdf(extra=extra).replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ')
+    report = check_text(tmp_path, "r.urdf", text, deep=False)
+    assert [found.rule for found in report.findings] == rules_found
 
 
 MESHES = {

@@ -1,0 +1,74 @@
+"""URDFs with shapes and colours that mean nothing are looked at, simulated and converted all the same."""
+
+from __future__ import annotations
+
+import mujoco
+import pytest
+
+from morphkit.conversion import convert
+from morphkit.description import Description
+from morphkit.errors import DescriptionError
+from morphkit.mechanics import load_mechanics
+from morphkit.simulation import build
+
+INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+def urdf(base: str, rest: str = "") -> Description:
+    text = f'<robot name="r"><link name="base">{base}</link>{rest}</robot>'
+    return Description("r", "r.urdf", "urdf", text.encode())
+
+
+def shape(tag: str, text: str, extra: str = "") -> str:
+    return f"<{tag}><geometry>{text}</geometry>{extra}</{tag}>"
+
+
+@pytest.mark.parametrize("tag", ["visual", "collision"])
+@pytest.mark.parametrize(
+    "empty", ['<box size="0 0 0"/>', '<sphere radius="0.0"/>', '<cylinder radius="0" length="0e0"/>']
+)
+def test_shapes_without_extent_go(tag: str, empty: str) -> None:
+    robot = urdf(INERTIAL + shape("collision", '<sphere radius="0.1"/>') + shape(tag, empty))
+    conversion = convert(robot, floor=False)
+    assert [geom.type for geom in conversion.spec.geoms] == [mujoco.mjtGeom.mjGEOM_SPHERE]
+    assert any(f"{tag} of link 'base' has no extent" in note for note in conversion.notes)
+    build(robot)
+    assert any("no extent" in note for note in load_mechanics(robot).notes)
+
+
+def test_flat_collisions_stay() -> None:
+    robot = urdf(INERTIAL + shape("collision", '<box size="1 2 0"/>') + shape("visual", '<box size="1 2 0"/>'))
+    (geom,) = convert(robot, floor=False).spec.geoms
+    assert geom.size.tolist() == [0.5, 1.0, 5e-7]
+
+
+@pytest.mark.parametrize("rgba", ["1 0 0", "1 0 0 0 1", "1 0 0 x", "nan 0 0 1", ""])
+def test_what_is_no_colour_goes(rgba: str) -> None:
+    material = f'<material name="m"><color rgba="{rgba}"/></material>'
+    robot = urdf(INERTIAL + shape("visual", '<sphere radius="0.1"/>', material))
+    conversion = convert(robot)
+    assert any("opacity" in note for note in conversion.notes)
+    conversion.spec.compile()
+
+
+def test_colours_stay() -> None:
+    material = '<material name="m"><color rgba="1 0.5 0 1"/></material>'
+    (geom,) = convert(urdf(INERTIAL + shape("visual", '<sphere radius="0.1"/>', material))).spec.geoms
+    assert geom.rgba.tolist() == [1, 0.5, 0, 1]
+
+
+def test_a_massless_root_that_is_to_move_gets_a_mass() -> None:
+    joint = '<joint name="j" type="revolute"><parent link="base"/><child link="leg"/><axis xyz="1 0 0"/>'
+    limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    ball = shape("collision", '<sphere radius="0.1"/>')
+    robot = urdf("", f'<link name="leg">{INERTIAL}{ball}</link>{joint}{limit}')
+    assert not any("0.001 kg" in note for note in convert(robot).notes)
+    for base in ("free", "planar"):
+        conversion = convert(robot, base=base)  # type: ignore[arg-type]
+        assert any("'base' moves and has no mass" in note for note in conversion.notes)
+
+
+def test_macros_that_were_not_expanded_are_refused() -> None:
+    text = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="world"/><xacro:arm/></robot>'
+    with pytest.raises(DescriptionError, match="xacro macro"):
+        convert(Description("r", "r.urdf", "urdf", text.encode()))
