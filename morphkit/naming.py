@@ -75,9 +75,16 @@ def numbered_labels(limbs: Iterable[str], given: Mapping[str, str]) -> dict[str,
         Limb name -> label, such as `Foot_2`, of the limbs whose label is not their name.
     """
     limbs = list(limbs)
-    free = [name for name in limbs if name not in given]
-    kept = {name: given[name] for name in limbs if name in given}
-    labels = kept | dict(zip(free, unique(free, taken=kept.values()), strict=True))
+    labels = {name: given[name] for name in limbs if name in given}
+    read = {fold(label) for label in labels.values()}
+    alike = []
+    for name in limbs:  # the first of those that read alike keeps its name
+        if name not in labels and fold(name) not in read:
+            labels[name] = name
+            read.add(fold(name))
+        elif name not in labels:
+            alike.append(name)
+    labels |= zip(alike, unique(alike, taken=labels.values()), strict=True)
     return {name: labels[name] for name in limbs if labels[name] != name}
 
 
