@@ -67,6 +67,7 @@ _AT_LEAST_ONE = (
     "replay_capacity", "evaluate_episodes", "d_model", "layers", "heads", "feedforward",
     "code_size", "token_size", "message_size",
 )  # fmt: skip
+_AT_MOST_ONE = ("discount", "tau")
 
 
 def _check(hint: Any, value: Any, where: str) -> Any:
@@ -88,6 +89,8 @@ def _check(hint: Any, value: Any, where: str) -> Any:
         lowest = 1 if name in _AT_LEAST_ONE else 0
         if not lowest <= value < float("inf"):
             raise ConfigError(f"{where} is {value!r}; expected a number of at least {lowest}")
+        if name in _AT_MOST_ONE and value > 1:
+            raise ConfigError(f"{where} is {value!r}; expected a number from 0 to 1")
     return value
 
 

@@ -78,6 +78,8 @@ def test_round_trip_through_a_dict() -> None:
         ("tdd3.tau=0.1", "did you mean 'td3'"),
         ("td3.tau=fast", "expected float"),
         ("td3.tau=-1", "at least 0"),
+        ("td3.tau=1.5", "from 0 to 1"),
+        ("td3.discount=2", "from 0 to 1"),
         ("td3.batch_size=0", "at least 1"),
         ("td3.batch_size=1.5", "expected int"),
         ("td3.batch_size=true", "expected int"),
