@@ -15,14 +15,15 @@ import numpy as np
 from morphkit import completion
 from morphkit.conversion.counterparts import Missing, without_counterpart
 from morphkit.conversion.inertias import settle_masses
+from morphkit.conversion.trial import settle_timestep
 from morphkit.description import Description
 from morphkit.errors import ConfigError, DescriptionError
 from morphkit.io import read, xml
+from morphkit.io.urdf_names import name_elements
 from morphkit.loading import compile_spec, drop_shape, load_spec
 from morphkit.morphology import Base, Morphology
 
 _ELEMENT = re.compile(r"Element name '(.*?)', id \d+", re.DOTALL)
-_STEPS = 10
 _DIGEST, _LONGEST_STEM = 8, 50
 
 
@@ -77,6 +78,7 @@ def convert(description: Description, *, base: Base | None = None, floor: bool |
     morphology = read(description)
     tree = xml.parse(description.source, file=description.file)
     missing = tuple(without_counterpart(tree.getroot()))
+    name_elements(tree.getroot(), file=description.file)
     notes = [*_prepare(tree.getroot(), morphology)]
     prepared = replace(description, source=xml.serialize(tree))
     spec, dropped = load_spec(prepared)
@@ -86,8 +88,8 @@ def convert(description: Description, *, base: Base | None = None, floor: bool |
         raise DescriptionError(f"{description.file}: MuJoCo made no body of root {morphology.root.name!r}")
     if len(spec.bodies) == 1:
         raise DescriptionError(
-            f"{description.file}: there is no link but {root.name!r}; if a xacro macro stands for the rest, expand it first:"
-            f" xacro {description.file} > robot.urdf"
+            f"{description.file}: there is no link but {root.name!r}; a xacro macro may stand for the rest: expand it"
+            f" first: xacro {description.file} > robot.urdf"
         )
     own_base = morphology.base if list(root.joints) else None
     if own_base is not None and base not in (None, own_base):
@@ -117,7 +119,7 @@ def convert(description: Description, *, base: Base | None = None, floor: bool |
     notes += _motor_notes(morphology)
     _name_meshes(spec)
     model = compile_spec(spec, description.file)
-    _try(model, description.file)
+    notes += settle_timestep(spec, model, description.file)
     return Conversion(
         description=description,
         base=base,
@@ -220,12 +222,3 @@ def _unique(stem: str, taken: set[str]) -> str:
         number += 1
         name = f"{stem}_{number}"
     return name
-
-
-def _try(model: mujoco.MjModel, file: str) -> None:
-    """Step the model a little, driven by nothing; DescriptionError where that leads nowhere."""
-    data = mujoco.MjData(model)
-    for _ in range(_STEPS):
-        mujoco.mj_step(model, data)
-    if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
-        raise DescriptionError(f"{file}: the converted model diverges in its first steps; see 'morphkit check'")

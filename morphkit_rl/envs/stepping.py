@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import copy
 import ctypes
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from typing import NamedTuple
 
 import mujoco
@@ -15,6 +15,7 @@ from mujoco import _callbacks
 from mujoco.rollout import Rollout
 
 from morphkit.errors import DescriptionError
+from morphkit.quiet import no_warnings
 from morphkit.simulation import Simulation
 from morphkit_rl.envs.tasks import Task
 
@@ -182,7 +183,7 @@ class Stepper:
         Raises:
             DescriptionError: MuJoCo cannot go on at all, such as for lack of memory.
         """
-        with _no_warnings():
+        with no_warnings():
             helpers = [self._threads.submit(share.advance_and_sense) for share in self._shares[1:] if self._threads]
             self._shares[0].advance_and_sense()
             for helper in helpers:
@@ -190,7 +191,7 @@ class Stepper:
 
     def sense(self) -> None:
         """Fill in all sensors."""
-        with _no_warnings():
+        with no_warnings():
             for share in self._shares:
                 share.sense()
 
@@ -198,7 +199,7 @@ class Stepper:
         """Fill in the sensors of some of a robot's environments."""
         piece = next(piece for share in self._shares for piece in share.pieces if piece.robot is robot)
         out = np.empty((len(which), 1, robot.model.nsensordata))
-        with _no_warnings():
+        with no_warnings():
             self._shares[0].pool.rollout(
                 [robot.kinematics] * len(which),
                 piece.kinematics_data,
@@ -215,26 +216,6 @@ class Stepper:
             self._threads.shutdown()
         for share in self._shares:
             share.pool.close()
-
-
-@contextmanager
-def _no_warnings() -> Iterator[None]:
-    """Keep MuJoCo from printing and from writing MUJOCO_LOG.TXT into the working folder, once a diverging substep.
-
-    Environments count what diverges. A handler that somebody set with `mujoco.set_mju_user_warning` stays.
-    """
-    if mujoco.get_mju_user_warning() is not None:
-        yield
-        return
-    mujoco.set_mju_user_warning(_ignore)
-    try:
-        yield
-    finally:
-        mujoco.set_mju_user_warning(None)
-
-
-def _ignore(warning: str) -> None:
-    """Do nothing."""
 
 
 def _switch_profiler_off() -> None:

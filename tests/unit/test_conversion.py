@@ -14,6 +14,8 @@ import yourdfpy
 import morphkit
 from morphkit.conversion import Conversion, convert, write_conversion
 from morphkit.conversion.inertias import possible_moments
+from morphkit.conversion.trial import holds
+from morphkit.description import Description
 from morphkit.errors import AssetError, ConfigError, DescriptionError, OutputError
 from morphkit.mesh_files import load_mesh
 from morphkit.morphology import Base
@@ -385,3 +387,39 @@ def test_infinite_inertia_is_refused(tmp_path: Path) -> None:
     path.write_text(EVERYTHING.replace('izz="0.04"', 'izz="1e400"'))
     with pytest.raises(DescriptionError, match=r"not finite|too large"):
         convert(morphkit.load(path))
+
+
+def finger(effort: str) -> Description:
+    """Three light links on hinges, whose motors can do what `effort` says."""
+    inertia = '<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/>'
+    link = f'<link name="{{}}"><inertial><origin xyz="0 0 -0.1"/><mass value="0.1"/>{inertia}</inertial></link>'
+    joint = (
+        '<joint name="j{0}" type="revolute"><origin xyz="0 0 -0.2"/><parent link="l{0}"/><child link="l{1}"/>'
+        f'<axis xyz="0 {{2}} 0.3"/><limit lower="-1" upper="1" effort="{effort}" velocity="1000"/></joint>'
+    )
+    links = "".join(link.format(f"l{number}") for number in range(4))
+    joints = "".join(joint.format(number, number + 1, (-1) ** number) for number in range(3))
+    return Description("f", "f.urdf", "urdf", f'<robot name="f">{links}{joints}</robot>'.encode())
+
+
+@pytest.mark.parametrize(("effort", "slower"), [("3", False), ("1000", True)])
+def test_the_time_step_suits_the_efforts(
+    effort: str, slower: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    conversion = convert(finger(effort))
+    model = conversion.spec.compile()
+    assert (model.opt.timestep < 0.004) == slower
+    assert any("the time step is" in note for note in conversion.notes) == slower
+    assert model.actuator_ctrlrange[:, 1].tolist() == [float(effort)] * 3
+    assert all(holds(model, seed) for seed in range(2))
+    model.opt.timestep = 0.004
+    assert all(holds(model, seed) for seed in range(2)) != slower
+    assert not list(tmp_path.iterdir())  # MuJoCo writes a log of its warnings where it works
+    assert capfd.readouterr() == ("", "")
+
+
+def test_efforts_that_no_time_step_resolves_are_named() -> None:
+    conversion = convert(finger("1e9"))
+    assert any("far too large for its masses" in note for note in conversion.notes)
+    assert conversion.spec.option.timestep == 0.004
