@@ -63,6 +63,10 @@ class Robot:
             for address, kind in zip(self.model.jnt_qposadr, self.model.jnt_type, strict=True)
             if kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL)
         ]
+        slides = np.flatnonzero((self.model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE) & (self.model.jnt_limited != 0))
+        self._slides = self.model.jnt_qposadr[slides]
+        travel, origin = self.model.jnt_range[slides], self.start[1 + self._slides]
+        self._travel = np.minimum(travel[:, 0], origin), np.maximum(travel[:, 1], origin)
 
     @property
     def qpos(self) -> np.ndarray:
@@ -86,10 +90,14 @@ class Robot:
         return (self.frame_skip * (_RUNGE_KUTTA_COST if runge_kutta else 1) + 0.5) * (self.nv + 3)
 
     def draw_start(self, rng: np.random.Generator, task: Task, n: int) -> np.ndarray:
-        """Start states (n, size): the model's own with the task's noise."""
+        """Start states (n, size): the model's own with the task's noise.
+
+        Noise is for angles and for free motion; a slide with limits, such as a finger, stays within its travel.
+        """
         state = np.tile(self.start, (n, 1))
         qpos, qvel = state[:, 1 : 1 + self.nq], state[:, 1 + self.nq : 1 + self.nq + self.nv]
         qpos += rng.uniform(-task.qpos_noise, task.qpos_noise, qpos.shape)
+        qpos[:, self._slides] = qpos[:, self._slides].clip(*self._travel)
         uniform = task.qvel_noise_kind == "uniform"
         noise = rng.uniform(-1.0, 1.0, qvel.shape) if uniform else rng.standard_normal(qvel.shape)
         qvel += task.qvel_noise * noise

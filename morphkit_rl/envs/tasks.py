@@ -47,7 +47,8 @@ class Task:
         healthy_pitch: The episode ends when |pitch| of a planar base, or the tilt of a free one, reaches this, rad.
             Tilt is the angle between world z and the root's axis that pointed along world z at the start.
         healthy_state: The episode ends when any |coordinate| or |velocity| but the first two coordinates reaches this.
-        qpos_noise: Start coordinates are uniform within +- this around the model's start, m or rad.
+        qpos_noise: Start coordinates are uniform within +- this around the model's start, m or rad; slides with limits
+            stay within these.
         qvel_noise: Scale of the start velocities, m/s or rad/s.
         qvel_noise_kind: `uniform` within +-scale, or `normal` with that standard deviation.
     """

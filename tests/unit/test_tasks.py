@@ -191,6 +191,22 @@ def test_hopper_ends_where_any_other_state_is_large() -> None:
     np.testing.assert_array_equal(env.step([np.zeros((4, 4))]).terminated[0], [False, False, True, True])
 
 
+def test_fingers_start_within_their_travel() -> None:
+    """Noise of 0.1 would put a finger of 4 cm travel centimetres into its stop."""
+    source = b"""<mujoco><worldbody><body name="palm"><geom size=".1"/>
+      <body name="finger"><joint type="slide" axis="0 1 0" range="0 .04"/><geom size=".01"/></body>
+      <body name="rail"><joint type="slide" axis="0 1 0"/><geom size=".01"/></body>
+      <body name="wrist"><joint axis="0 1 0" range="0 2"/><geom size=".01"/></body></body></worldbody></mujoco>"""
+    simulation = build(Description("hand", "hand.xml", "mjcf", source))
+    env = BatchEnv([simulation], [task_for(simulation, "raise")], 100)
+    env.reset()
+    finger, rail, wrist = env.state(0)[0].T
+    assert (finger.min(), finger.max()) == (0.0, 0.04)
+    for free in (rail, wrist):
+        assert -0.1 < free.min() < -0.05
+        assert 0.05 < free.max() < 0.1
+
+
 @pytest.mark.parametrize(("angle", "share"), [(0.0, 0.0), (-math.pi / 2, 0.75), (math.pi / 2, -0.75)])
 def test_raise_pays_the_height_of_the_tip(angle: float, share: float) -> None:
     """The arm's joint is 0.1 m from the root's frame, its tip 0.3 m from the joint: straight up it is 0.3 of 0.4 m."""
