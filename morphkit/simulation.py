@@ -171,6 +171,7 @@ def _kinematics(model: mujoco.MjModel) -> mujoco.MjModel:
     off = mujoco.mjtDisableBit
     for flag in ("CONSTRAINT", "CONTACT", "ACTUATION", "GRAVITY", "SPRING", "DAMPER", "AUTORESET"):
         kinematics.opt.disableflags |= getattr(off, f"mjDSBL_{flag}")
+    kinematics.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)  # bodies asleep are not sensed anew
     kinematics.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
     kinematics.opt.density = kinematics.opt.viscosity = 0.0
     return kinematics

@@ -45,6 +45,7 @@ class Robot:
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR  # they are read from `kinematics` alone
         if self.model.ntree == 1:  # looking for groups of bodies that touch changes nothing, but costs 6 % of a step
             self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
+        self.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)  # who sleeps is no part of the state
         self.kinematics = simulation.kinematics
         self.nq, self.nv, self.frame_skip = self.model.nq, self.model.nv, task.frame_skip or 1
         self.most_of_step = (self.frame_skip - 0.5) * self.model.opt.timestep

@@ -1,4 +1,4 @@
-"""Simulations that MuJoCo cannot go on with, and those that only look wild."""
+"""Control steps of unusual models: those that MuJoCo cannot go on with, and those that only look wild."""
 
 from __future__ import annotations
 
@@ -85,3 +85,16 @@ def test_a_model_that_mujoco_cannot_step_at_all_is_named(tmp_path: Path) -> None
     lie_flat(env)
     with pytest.raises(DescriptionError, match=r"tiny: MuJoCo cannot simulate it: .*out of memory"):
         env.step([np.zeros((2, 1))])
+
+
+def test_a_robot_that_may_fall_asleep_steps_from_its_state_alone(tmp_path: Path) -> None:
+    """MuJoCo notes who sleeps outside of the state, so it would pass from one environment to the next."""
+    box = '<geom type="box" size=".1 .1 .1"/>'
+    sleep = '<option sleep_tolerance=".5"><flag sleep="enable"/></option>'
+    env, other = (make(tmp_path / "lazy.xml", size=sleep, geoms=box, height=0.11, actuator="") for _ in range(2))
+    env.reset()
+    for _ in range(80):
+        env.step([np.zeros((2, 0))])
+    other.load_state_dict(env.state_dict())
+    for _ in range(20):
+        np.testing.assert_array_equal(env.step([np.zeros((2, 0))]).obs[0], other.step([np.zeros((2, 0))]).obs[0])
