@@ -127,16 +127,20 @@ def _words(patterns: Sequence[str], morphology: Morphology) -> list[str]:
             words[pattern] = None
             continue
         matched = select(morphology, [pattern], root=True)
-        below = {
-            name
-            for limb in morphology.limbs
-            if limb.name in matched
-            for lower in morphology.subtree(limb.name)
-            for name in lower.members
-            if name != limb.name
-        }
+        below = _below(morphology, set(matched))
         words |= dict.fromkeys(name for name in matched if name not in below)
     return list(words)
+
+
+def _below(morphology: Morphology, tops: set[str]) -> set[str]:
+    """Limbs and fixed bodies that hang on one of the limbs `tops`; limbs come after those that they hang on."""
+    below: set[str] = set()
+    for limb in morphology.limbs:
+        if limb.parent in tops or limb.parent in below:
+            below.add(limb.name)
+        if limb.name in tops or limb.name in below:
+            below.update(limb.members[1:])
+    return below
 
 
 def _needed(morphology: Morphology, kept: Sequence[str]) -> set[str]:

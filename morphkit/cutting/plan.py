@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from morphkit.morphology import Morphology
@@ -36,11 +36,13 @@ def make_plan(
     """
     limb_of = {member: limb.name for limb in morphology.limbs for member in limb.members}
     members = {limb.name: limb.members for limb in morphology.limbs}
+    wanted = set(remove)
     pruned: dict[str, str] = {}
-    for body in parents:
-        above = next((name for name in _chain(body, parents) if name in remove), None)
-        if above is not None:
-            pruned[body] = above
+    for body, parent in parents.items():  # what hangs on another comes after it
+        if body in wanted:
+            pruned[body] = body
+        elif parent in pruned:
+            pruned[body] = pruned[parent]
     spliced = {
         body: name for name in splice if name not in pruned for body in members.get(name, (name,)) if body not in pruned
     }
@@ -52,11 +54,3 @@ def make_plan(
             labels[body] = limb if went else (pruned.get(body) or spliced[body])
     tops = tuple(body for body in pruned if parents[body] not in pruned)
     return Plan(tops, tuple(body for body in parents if body in spliced), labels)
-
-
-def _chain(body: str, parents: Mapping[str, str | None]) -> Iterable[str]:
-    """`body` and everything above it, nearest first."""
-    current: str | None = body
-    while current is not None:
-        yield current
-        current = parents.get(current)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import time
+
 import pytest
 
 from morphkit.ablation import ablate
@@ -108,3 +110,19 @@ def test_materials_of_a_urdf_go_when_asked():
     variant = ablate(Description("r", "r.urdf", "urdf", source), remove=["arm"], drop_assets=True)
     assert b'name="red"' not in variant.description.source
     assert variant.description.source.count(b'name="blue"') == 2
+
+
+def test_a_glob_on_a_chain_of_thousands_of_links_takes_no_quadratic_time():
+    parts = ['<link name="base"/>']
+    for i in range(4000):
+        parent = f"c{i - 1}" if i else "base"
+        parts.append(
+            f'<link name="c{i}"/><joint name="j{i}" type="continuous">'
+            f'<parent link="{parent}"/><child link="c{i}"/></joint>'
+        )
+    robot = Description("chain", "chain.urdf", "urdf", f'<robot name="chain">{"".join(parts)}</robot>'.encode())
+    start = time.process_time()
+    variant = ablate(robot, remove=["c*"])
+    assert time.process_time() - start < 15
+    assert variant.description.name == "chain-no-c0"
+    assert variant.limbs == ("base",)
