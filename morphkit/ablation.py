@@ -13,8 +13,9 @@ from pathlib import PurePath
 
 from morphkit.choosing import UNSAFE, choose, wish_name
 from morphkit.cutting import mjcf, urdf
-from morphkit.cutting.expand import MjcfFile, MjcfOpener, given_names, open_mjcf
+from morphkit.cutting.expand import MjcfOpener, open_mjcf
 from morphkit.cutting.loss import Loss
+from morphkit.cutting.names import keep_names
 from morphkit.cutting.plan import make_plan
 from morphkit.cutting.rest import Positions, mjcf_positions, urdf_positions
 from morphkit.cutting.source import Source
@@ -140,7 +141,7 @@ class Cutter:
             lost += file.findings
             used = Uses(source.root) if drop_assets else None
             lost += mjcf.cut(source.root, file.bodies, plan, file.layout, file.bones)
-            lost += _keep_names(file, description)
+            lost += keep_names(source.root, description, file.given, spliced=bool(plan.splice))
         if used is not None:
             lost += used.drop(source.root)
         gone = plan.gone
@@ -237,25 +238,3 @@ def _file_name(name: str, suffix: str) -> str:
     if len(safe) > _LONGEST:
         safe = f"{safe[: _LONGEST - 9]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
     return safe + suffix
-
-
-def _keep_names(file: MjcfFile, description: Description) -> list[Loss]:
-    """Write the names of bodies without one into the file where the reader would now call them something else."""
-    lost: list[Loss] = []
-    name_of = {id(element): name for name, element in file.bodies.items()}
-    left = mjcf.body_elements(file.source.root)
-    while True:  # a name that is written can be one that the reader would have given to another body
-        try:
-            names = given_names(file.source.root, description)
-        except ValueError:
-            return lost  # MuJoCo refuses the variant, which is for those to say who compile it
-        written: set[int] = set()
-        for element, name in zip(left, names, strict=True):
-            wanted = name_of.get(id(element), name)
-            if name != wanted and not any(id(above) in written for above in element.iterancestors()):
-                element.set("name", wanted)
-                written.add(id(element))
-                reason = "the body had no name; it got the one that the source's tokens have"
-                lost.append(Loss("name", wanted or "", "", reason))
-        if not written:
-            return lost

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import os
 import posixpath
 from collections.abc import Sequence
@@ -12,23 +11,21 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
-from lxml import etree
 
 from morphkit.assets import mentions
 from morphkit.cutting.keyframes import Layout
 from morphkit.cutting.loss import Loss
 from morphkit.cutting.mjcf import body_elements
+from morphkit.cutting.names import Given, given_names, parse_tree, unnamed
 from morphkit.cutting.references import Bones
 from morphkit.cutting.skins import bone_names
 from morphkit.cutting.source import Source
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
-from morphkit.io.attached import attach_models
-from morphkit.io.mjcf_names import body_names, name_elements
+from morphkit.io.mjcf_names import name_elements
 from morphkit.io.resolve import flatten_includes, locate
 from morphkit.io.xml import parse, read_limited, serialize
 
-_MARK = "morphkit/unnamed/"
 _EXPANDERS = ("replicate", "attach", "flexcomp", "composite")
 
 
@@ -39,6 +36,7 @@ class MjcfFile:
     Attributes:
         source: The file, includes flattened.
         bodies: Element of each body, by the name that the reader gives it, in file order.
+        given: Names of elements without one, as the reader gives them.
         layout: That of its keyframes.
         bones: The bodies that its skin files name.
         findings: What had to be done to the file before it could be cut.
@@ -46,6 +44,7 @@ class MjcfFile:
 
     source: Source
     bodies: dict[str, Any]
+    given: Given
     layout: Layout
     bones: Bones
     findings: tuple[Loss, ...]
@@ -99,7 +98,11 @@ class _Shared:
         self._description = description
         self._layout: Layout | None = None
         self._bones = _bones(self._source.root, description)
-        self._names = given_names(self._source.root, description)
+        elements = body_elements(self._source.root)
+        given = given_names(self._source.root, description)
+        self._given = [name for _, name in given]
+        called = {id(element): name for element, name in given}
+        self._names = [element.get("name") or called[id(element)] for element in elements]
 
     def open(self, findings: tuple[Loss, ...]) -> MjcfFile:
         if self._layout is None:
@@ -107,55 +110,8 @@ class _Shared:
         source = self._source.again()
         elements = zip(self._names, body_elements(source.root), strict=True)
         bodies = {name: element for name, element in elements if name is not None}
-        return MjcfFile(source, bodies, self._layout, self._bones, findings)
-
-
-def given_names(root: Any, description: Description) -> list[str | None]:
-    """Names of all `<body>` elements below `root` as the reader gives them; None for those that something multiplies.
-
-    Raises:
-        ValueError: MuJoCo has to say what else there is, and cannot parse the file.
-    """
-    bodies = body_elements(root)
-    names: list[str | None] = [body.get("name") or None for body in bodies]
-    if None not in names:
-        return names
-    if next(root.iter(*_EXPANDERS), None) is not None:
-        return _names_in_model(root, description)
-    index = {id(body): number for number, body in enumerate(bodies)}
-    rows = []
-    for body, name in zip(bodies, names, strict=True):
-        above = next(body.iterancestors("body"), None)
-        rows.append((name, None if above is None else index[id(above)], _first_joint(body)))
-    return [*body_names(rows)]
-
-
-def _names_in_model(root: Any, description: Description) -> list[str | None]:
-    """Mark the bodies without a name, so that they are found again among those that MuJoCo makes."""
-    tree = etree.ElementTree(copy.deepcopy(root))
-    elements = body_elements(tree.getroot())
-    number = {f"{_MARK}{count}/": count for count, element in enumerate(elements) if not element.get("name")}
-    for mark, count in number.items():
-        elements[count].set("name", mark)
-    spec = _parse_tree(tree, description)
-    found = {}
-    for body in spec.bodies[1:]:
-        if body.name.startswith(_MARK):
-            found[number.get(body.name)] = body
-            body.name = ""
-    name_elements(spec)
-    made = {count: body.name for count, body in found.items() if count is not None}
-    return [made.get(count) if count in number.values() else each.get("name") for count, each in enumerate(elements)]
-
-
-def _first_joint(body: Any) -> str | None:
-    """Name of the first joint of a body, or of the frames in it, that has one."""
-    for child in body:
-        name = child.get("name") if child.tag in ("joint", "freejoint") else None
-        name = name or (_first_joint(child) if child.tag == "frame" else None)
-        if name:
-            return str(name)
-    return None
+        given = list(zip(unnamed(source.root), self._given, strict=True))
+        return MjcfFile(source, bodies, given, self._layout, self._bones, findings)
 
 
 def open_mjcf(description: Description, wanted: Sequence[str]) -> MjcfFile:
@@ -204,14 +160,9 @@ def _write_out(description: Description) -> bytes:
 
 def _parse_spec(description: Description) -> mujoco.MjSpec:
     """The model as MuJoCo parses it, every body named as the reader names it."""
-    spec = _parse_tree(parse(description.source, file=description.file), description)
+    spec = parse_tree(parse(description.source, file=description.file), description)
     name_elements(spec)
     return spec
-
-
-def _parse_tree(tree: Any, description: Description) -> mujoco.MjSpec:
-    models = attach_models(tree, description)
-    return mujoco.MjSpec.from_string(etree.tostring(tree.getroot(), encoding="unicode"), include=models)
 
 
 def _inner_paths(source: bytes, description: Description) -> bytes:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import mujoco
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from morphkit.ablation import ablate
 from morphkit.conversion import convert
@@ -315,3 +317,67 @@ def test_the_command_says_which_names_are_given(tmp_path: Path, capsys: pytest.C
     assert "8 more, see given_names" in shown.err
     assert [each["given"] for each in json.loads(shown.out)["given_names"]][-2:] == ["foot_2", "thigh_ctrl_2"]
     assert run(["ablate", str(tmp_path / "r.xml"), "--remove", "foot_2", "--dry-run"]) == 0
+
+
+@st.composite
+def trees(draw: st.DrawFn) -> str:
+    """A robot of up to eight bodies, whose names are missing, or like what others would be given."""
+    free = [
+        "a",
+        "A",
+        "a_body",
+        "a_body_2",
+        "b",
+        "b_body",
+        "torso_body",
+        "torso_body_2",
+        "j_body",
+        "a_joint",
+        "a_body_joint",
+    ]
+    bodies = draw(st.lists(st.sampled_from(free), max_size=8, unique=True))
+    bodies = draw(st.permutations([*bodies, *[""] * (8 - len(bodies))]))
+    joints = [
+        f' name="{name}"' if name else ""
+        for name in draw(st.permutations(["j", "a_joint", "b_joint", "k", "", "", "", ""]))
+    ]
+    parents = [draw(st.integers(-1, number - 1)) for number in range(8)]
+
+    def body(number: int) -> str:
+        name = f' name="{bodies[number]}"' if bodies[number] else ""
+        below = "".join(body(child) for child in range(8) if parents[child] == number)
+        return f"<body{name}><joint{joints[number]}/>{GEOM}{below}</body>"
+
+    inside = "".join(body(number) for number in range(8) if parents[number] == -1)
+    motors = draw(
+        st.permutations(['joint="j"', 'joint="k"', 'joint="k" name="j"', 'joint="j" name="k_2"', 'joint="j"'])
+    )
+    sensors = draw(st.permutations(['joint="j"', 'joint="k"', 'joint="j" name="jointpos_k"', 'joint="j" name="x"']))
+    return (
+        f'<mujoco><worldbody><body name="torso">{GEOM}{inside}</body></worldbody>'
+        f"<actuator>{''.join(f'<motor {motor}/>' for motor in motors)}</actuator>"
+        f"<sensor>{''.join(f'<jointpos {sensor}/>' for sensor in sensors)}</sensor></mujoco>"
+    )
+
+
+@settings(max_examples=60, deadline=None)
+@given(text=trees(), data=st.data())
+def test_names_are_unique_and_survive_every_cut(text: str, data: st.DataObject) -> None:
+    morphology = read(mjcf(text))
+    spec = tokens(morphology)
+    assert len({fold(text) for text in spec.texts}) == len(spec.texts)
+    labels = {limb.name: morphology.labels.get(limb.name, limb.name) for limb in morphology.limbs}
+    for label, name in [(label, name) for name, label in labels.items() if label != name]:
+        assert match_limbs(morphology, label) == [name]
+    wish = data.draw(st.sampled_from([name for name in labels if name != "torso"]))
+    variant = ablate(mjcf(text), **{data.draw(st.sampled_from(["remove", "splice"])): [wish]})
+    cut = read(variant.description)
+    left = tokens(cut)
+    gone = {*variant.removed, *variant.spliced}
+    for kind in ("actuators", "sensors"):
+        stay = [each.name for each in getattr(morphology, kind) if each.limb not in gone]
+        assert [each.name for each in getattr(cut, kind)] == stay
+    assert [limb.name for limb in left.limbs] == [limb.name for limb in spec.limbs if limb.name not in gone]
+    kept = [sensor for sensor in spec.sensors if sensor.limb not in gone]
+    assert [sensor.name for sensor in left.sensors] == [sensor.name for sensor in kept]
+    assert [limb.joints for limb in left.limbs] == [limb.joints for limb in spec.limbs if limb.name not in gone]
