@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from morphkit.errors import ConfigError
 from morphkit_rl.config import ModelConfig, TD3Config
 from morphkit_rl.models import build
 from morphkit_rl.models.blocks import set_precision
@@ -29,6 +30,9 @@ class TD3:
         tune: Makes a network's own text embeddings; None: they are frozen.
         device: Where the networks live.
         precision: `float32`, or `bfloat16` for the transformer layers; parameters are float32.
+
+    Raises:
+        ConfigError: The device cannot be used, or the method or a size is impossible.
     """
 
     def __init__(
@@ -43,7 +47,7 @@ class TD3:
         precision: str = "float32",
     ):
         self.config = config
-        self.device = torch.device(device)
+        self.device = find_device(device)
         self.precision = precision
         self._build = lambda: build(model, embedding_size, vocabulary, tune)
         actor, critic = self._build()
@@ -162,10 +166,29 @@ class TD3:
         optimizer.step()
 
 
+def find_device(name: str) -> torch.device:
+    """The device that PyTorch calls so.
+
+    Raises:
+        ConfigError: There is no such device, or it cannot be used on this machine.
+    """
+    try:
+        device = torch.device(name)
+        torch.zeros(1, device=device).item()
+    except (RuntimeError, AssertionError) as error:  # The latter from a PyTorch that was built without the device.
+        reason = str(error).strip().partition("\n")[0]
+        raise ConfigError(f"device {name!r} cannot be used here: {reason}") from None
+    return device
+
+
 def resolve_precision(precision: str, device: str) -> str:
-    """`auto` becomes `bfloat16` where the processor multiplies it natively, else `float32`."""
+    """`auto` becomes `bfloat16` where the processor multiplies it natively, else `float32`.
+
+    Raises:
+        ConfigError: The device cannot be used.
+    """
     if precision != "auto":
         return precision
-    if device.startswith("cuda"):
+    if find_device(device).type == "cuda":
         return "bfloat16" if torch.cuda.is_bf16_supported() else "float32"
     return "bfloat16" if torch.cpu._is_avx512_bf16_supported() else "float32"

@@ -123,3 +123,11 @@ def test_a_method_says_which_robot_it_cannot_express(tmp_path: Path, method: str
     with pytest.raises(ConfigError, match=f"method {method!r}"):
         train([load("hopper_3"), load("arm")], tmp_path / "other", validated, validation=["arm"], steps=12)
     assert not (tmp_path / "other").exists()
+
+
+def test_a_device_that_is_not_there_is_named_before_anything_is_written(tmp_path: Path) -> None:
+    for precision in ("auto", "float32"):
+        settings = config("smp", f"trainer.precision={precision}")
+        with pytest.raises(ConfigError, match="device 'cuda:99' cannot be used here"):
+            train([load("hopper_3")], tmp_path / "run", settings, steps=12, device="cuda:99")
+        assert not (tmp_path / "run").exists()

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 import torch
 
+from morphkit.errors import ConfigError
 from morphkit.io import read
 from morphkit.robots import load
 from morphkit.tokens import tokens
 from morphkit_rl.config import ModelConfig, TD3Config
 from morphkit_rl.models.layout import Layout, build_layout
 from morphkit_rl.replay import Batch
-from morphkit_rl.td3 import TD3, resolve_precision
+from morphkit_rl.td3 import TD3, find_device, resolve_precision
 
 MODEL = ModelConfig(d_model=16, layers=1, heads=2, feedforward=16)
 SIZE = 8
@@ -95,3 +96,13 @@ def test_precision_follows_the_processor(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(torch.cpu, "_is_avx512_bf16_supported", lambda: True)
     assert resolve_precision("auto", "cpu") == "bfloat16"
     assert resolve_precision("float32", "cpu") == "float32"
+
+
+@pytest.mark.parametrize("name", ["cuda:99", "banana", "meta", "cuda" if not torch.cuda.is_available() else "cuda:98"])
+def test_a_device_that_cannot_be_used_is_named(name: str) -> None:
+    for attempt in (find_device, lambda device: resolve_precision("auto", device)):
+        with pytest.raises(ConfigError, match=rf"device '{name}' cannot be used here: \S"):
+            attempt(name)
+    with pytest.raises(ConfigError, match=f"device '{name}'"):
+        TD3(MODEL, TD3Config(), SIZE, device=name)
+    assert find_device("cpu").type == "cpu"
