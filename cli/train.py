@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -134,10 +135,10 @@ def train(
             title += f", {what}: {', '.join(names)}"
     with ProgressDisplay(title, quiet=quiet) as display:
         summary = start(display.update)
-    _report(summary, hold_out, as_json=as_json, quiet=quiet)
+    _report(summary, robots, as_json=as_json, quiet=quiet)
 
 
-def _report(summary: TrainSummary, hold_out: list[str], *, as_json: bool, quiet: bool) -> None:
+def _report(summary: TrainSummary, robots: list[str], *, as_json: bool, quiet: bool) -> None:
     if as_json:
         common.print_json(
             {
@@ -163,8 +164,8 @@ def _report(summary: TrainSummary, hold_out: list[str], *, as_json: bool, quiet:
         episodes = common.count(summary.diverged, "episode")
         typer.echo(f"{episodes} ended because the simulation diverged", err=True)
     if summary.interrupted:
-        typer.echo(f"stopped at a checkpoint; go on with: morphkit train --run {summary.run} --resume", err=True)
+        run = shlex.quote(str(summary.run))
+        typer.echo(f"stopped at a checkpoint; go on with: morphkit train --run {run} --resume", err=True)
         raise KeyboardInterrupt
     if not quiet and not as_json:
-        subject = " ".join(hold_out) or "ROBOT"
-        typer.echo(f"next: morphkit evaluate {summary.run} {subject}", err=True)
+        typer.echo(f"next: morphkit evaluate {shlex.join([str(summary.run), *(robots or ['ROBOT'])])}", err=True)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import errno
 import json
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -86,6 +87,21 @@ def test_wrong_usage_is_explained(arguments, expected, capsys):
 def test_help_has_examples(command, capsys):
     assert run([command, "--help"]) == 0
     assert f"morphkit {command}" in capsys.readouterr().out.split("Examples:")[1]
+
+
+def test_the_command_that_training_points_to_works(tmp_path, capsys):
+    variant = tmp_path / "my robots" / "one.xml"
+    variant.parent.mkdir()
+    variant.write_bytes(morphkit.robots.load("hopper_3").source)
+    tiny = ("model.d_model=8", "model.layers=1", "model.feedforward=8", "td3.batch_size=4", "trainer.num_envs=1")
+    settings = [word for setting in tiny for word in ("--set", setting)]
+    training = ["hopper_3", str(variant), "--hold-out", "one", "--run", str(tmp_path / "a run"), "--steps", "4"]
+    assert run(["train", *training, *settings]) == 0
+    hint = capsys.readouterr().err.splitlines()[-1]
+    assert hint.startswith("next: morphkit evaluate ")
+    assert run([*shlex.split(hint)[2:], "--episodes", "1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["robots"]
+    assert {row["robot"]: row["trained_on"] for row in found} == {"hopper_3": True, "one": False}
 
 
 def test_version(capsys):
