@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import textwrap
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -183,7 +184,7 @@ def load_modules(networks: Mapping[str, nn.Module], arrays: Mapping[str, np.ndar
         try:
             network.load_state_dict(part)
         except RuntimeError as error:
-            reason = " ".join(str(error).split())
+            reason = textwrap.shorten(str(error), 300, placeholder=" ...")
             raise CheckpointError(f"{origin}: made for another method or size: {reason}") from None
 
 

@@ -70,16 +70,17 @@ class Policy:
         saved = runs.read(run)
         config = TrainConfig.from_dict(saved["config"], origin=str(run / "config.json"))
         arrays = checkpoint.load_arrays(folder / "policy.safetensors")
-        vocabulary = Vocabulary.from_dict(state["vocabulary"])
-        encoder = controlled(runs.make_encoder(config), config.text.control, vocabulary.texts)
         try:
-            embedder = TokenEmbedder(encoder, arrays["embedding/mean"], arrays["embedding/std"])
-            normalizer = Normalizer()
-            normalizer.load_state_dict(
-                {k: arrays[f"normalizer/{k}"] for k in ("count", "mean", "m2")}, state["quantities"]
-            )
+            vocabulary = Vocabulary.from_dict(state["vocabulary"])
+            mean, std = arrays["embedding/mean"], arrays["embedding/std"]
+            statistics = {key: arrays[f"normalizer/{key}"] for key in ("count", "mean", "m2")}
+            quantities = state["quantities"]
         except KeyError as error:
-            raise CheckpointError(f"{folder / 'policy.safetensors'}: lacks {error}") from None
+            raise CheckpointError(f"{folder}: damaged: it lacks {error}") from None
+        encoder = controlled(runs.make_encoder(config), config.text.control, vocabulary.texts)
+        embedder = TokenEmbedder(encoder, mean, std)
+        normalizer = Normalizer()
+        normalizer.load_state_dict(statistics, quantities)
         if embedder.mean.shape != (encoder.size,):
             raise CheckpointError(
                 f"{folder}: made with embeddings of size {embedder.mean.size}; "

@@ -171,6 +171,19 @@ def test_a_checkpoint_cut_short_is_refused(run: Path, file: str) -> None:
         resume(run, steps=300)
 
 
+def test_a_checkpoint_that_lacks_something_or_has_another_size_is_refused_in_a_line(run: Path) -> None:
+    config = json.loads((run / "config.json").read_text())
+    config["config"]["model"]["d_model"] = 32
+    (run / "config.json").write_text(json.dumps(config))
+    with pytest.raises(CheckpointError, match=r"another method or size: .*size mismatch") as caught:
+        Policy.load(run)
+    assert len(str(caught.value)) < len(str(run)) + 450
+    path = checkpoint.load_state(run)[0] / "state.json"
+    path.write_text(path.read_text().replace('"vocabulary"', '"words"'))
+    with pytest.raises(CheckpointError, match="lacks 'vocabulary'"):
+        Policy.load(run)
+
+
 def test_a_replay_segment_cut_short_is_refused(run: Path) -> None:
     segment = next((run / "replay").iterdir())
     segment.write_bytes(segment.read_bytes()[:100])
