@@ -58,8 +58,11 @@ class Places:
         """The place of an `MjSpec` element of a kind: `body`, `joint`, `actuator` or `sensor`."""
         name = element.name or None
         line = _LINE.search(element.info or "")
+        if line is None and kind == "joint":  # MuJoCo tells no line of a free joint: it stands in its body
+            _, where = self.find(element.parent, "body")
+            return name if self._plain else self._longest(kind, name), where
         if line is None:
-            return None, None
+            return (name if self._plain else None), None
         if self._plain:
             return name, f"{self._file}:{line[1]}"
         rows = {
@@ -68,6 +71,11 @@ class Places:
             if (name is None) == (own is None) and (own or "") in (name or "")
         }
         return rows.pop() if len(rows) == 1 else (None, None)
+
+    def _longest(self, kind: str, name: str | None) -> str | None:
+        """The longest name in the files that a copy called `name` can be of."""
+        own = {own for (each, _), rows in self._rows.items() if each == kind for own, _ in rows}
+        return max((each for each in own if each and each in (name or "")), key=len, default=None)
 
     def of_message(self, message: str) -> str:
         """`file:line` of what a message of MuJoCo's is about; the file where it does not say which line."""

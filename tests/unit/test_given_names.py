@@ -160,6 +160,16 @@ def test_copies_are_traced_to_what_was_copied(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.parametrize(
+    "beside", ["", '<replicate count="2"><body name="toe"><joint/><geom size=".1"/></body></replicate>']
+)
+@pytest.mark.parametrize("name", ["", "root"])
+def test_a_free_joint_stands_in_its_body(beside: str, name: str) -> None:
+    text = MJCF.replace("<freejoint/>", f'<freejoint name="{name}"/>{beside}' if name else f"<freejoint/>{beside}")
+    (joint,) = (each for each in read(mjcf(text)).origins if each.kind == "joint" and each.id == 0)
+    assert (joint.given, joint.original, joint.where) == (name or "torso_joint", name or None, "r.xml:3")
+
+
 def test_messages_name_the_line_of_an_included_file(tmp_path: Path) -> None:
     (tmp_path / "leg.xml").write_text("<mujocoinclude>\n\n<body><joint odd='1'/></body></mujocoinclude>")
     (tmp_path / "r.xml").write_text('<mujoco><worldbody><body><include file="leg.xml"/></body></worldbody></mujoco>')
