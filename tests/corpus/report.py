@@ -30,6 +30,9 @@ things:
 - New lines of the file are no more than the losses that the cut lists; a line that only lost words is not new.
 - An element that is gone or changed stood in the removed limb, or mentions what stood there or a listed loss.
 
+The last two hold for files with their includes written out, but not where MuJoCo had to write out a `replicate` or
+`attach`.
+
 Files that hold several robots are run once a root (six at most), and once without `--root`, which is an error. Paths
 that leave a file's folder are allowed within its collection, as with `--package`.
 

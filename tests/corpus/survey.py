@@ -15,7 +15,8 @@ from morphkit import loading
 from morphkit.ablation import Cutter, Variant
 from morphkit.description import Description
 from morphkit.errors import MorphkitError
-from morphkit.io import read
+from morphkit.io import read, xml
+from morphkit.io.resolve import flatten_includes
 from morphkit.robots import load
 from morphkit.tokens import tokens
 
@@ -79,12 +80,12 @@ def _cut_each(description: Description, outcome: Outcome) -> None:
     usable: list[Form] = [form for form in ("meshes", "mesh-free") if not outcome.forms[form]]  # type: ignore[misc]
     slow = len(usable) == 2 and has_meshes(description)
     cutter = Cutter(description)
-    bodies = _bodies(description, usable)
+    before, bodies = _written_out(description), _bodies(description, usable)
     missing = missing_names(description) if "mesh-free" in usable else None
     deadline = time.process_time() + SECONDS_WITH_MESHES
     for limb in cutter.morphology.limbs[1:]:
         variant = cutter.ablate(remove=[limb.name])
-        _check_source(description, variant, limb.name, bodies, outcome)
+        _check_source(before, variant, limb.name, bodies, outcome)
         for form in usable:
             if form == "meshes" and slow and time.process_time() > deadline:
                 continue
@@ -109,15 +110,23 @@ def _bodies(description: Description, usable: list[Form]) -> list[str]:
     return [body.name for body in spec_of(description, usable[-1]).bodies[1:]]
 
 
-def _check_source(description: Description, variant: Variant, limb: str, bodies: list[str], outcome: Outcome) -> None:
-    rewritten = any(loss.kind == "format" for loss in variant.lost)
-    if rewritten or description.source.count(b"\n") < 3:
-        return
-    foreign = foreign_lines(description.source, variant.description.source)
-    if foreign > len(variant.lost):
+def _written_out(description: Description) -> bytes:
+    """The source, MJCF includes written into it."""
+    tree = xml.parse(description.source, file=description.file)
+    if description.format == "urdf" or next(tree.iter("include"), None) is None:
+        return description.source
+    flatten_includes(tree, description.folder, file=description.file, packages=description.packages)
+    return xml.serialize(tree)
+
+
+def _check_source(before: bytes, variant: Variant, limb: str, bodies: list[str], outcome: Outcome) -> None:
+    if any(loss.kind == "format" and loss.name != "include" for loss in variant.lost):
+        return  # MuJoCo wrote the file
+    foreign = foreign_lines(before, variant.description.source)
+    if foreign > len(variant.lost) and before.count(b"\n") > 2:
         outcome.different[f"{limb} (source)"] = f"{foreign} lines are new, {len(variant.lost)} losses are listed"
     gone = {*variant.removed, *(loss.name for loss in variant.lost if loss.kind in ("body", "link"))}
-    silent = unexplained(description.source, variant.description.source, gone, variant.lost, bodies)
+    silent = unexplained(before, variant.description.source, gone, variant.lost, bodies)
     if silent:
         outcome.different[f"{limb} (source)"] = f"gone without a reason: {', '.join(silent[:5])}"
 
