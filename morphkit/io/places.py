@@ -58,11 +58,9 @@ class Places:
         """The place of an `MjSpec` element of a kind: `body`, `joint`, `actuator` or `sensor`."""
         name = element.name or None
         line = _LINE.search(element.info or "")
-        if line is None and kind == "joint":  # MuJoCo tells no line of a free joint: it stands in its body
-            _, where = self.find(element.parent, "body")
-            return name if self._plain else self._longest(kind, name), where
-        if line is None:
-            return (name if self._plain else None), None
+        if line is None:  # as of free joints, which stand in their body, and of what comes from a URDF
+            original, where = (name, None) if self._plain else self._attached(kind, name)
+            return original, where or (self.find(element.parent, "body")[1] if kind == "joint" else None)
         if self._plain:
             return name, f"{self._file}:{line[1]}"
         rows = {
@@ -72,10 +70,13 @@ class Places:
         }
         return rows.pop() if len(rows) == 1 else (None, None)
 
-    def _longest(self, kind: str, name: str | None) -> str | None:
-        """The longest name in the files that a copy called `name` can be of."""
-        own = {own for (each, _), rows in self._rows.items() if each == kind for own, _ in rows}
-        return max((each for each in own if each and each in (name or "")), key=len, default=None)
+    def _attached(self, kind: str, name: str | None) -> Place:
+        """The place of the element that an attached one called `name` is of: that with the longest name in it."""
+        rows = [row for (each, _), found in self._rows.items() if each == kind for row in found]
+        named = [(own, where) for own, where in rows if own and name and name.endswith(own)]
+        longest = max((len(own) for own, _ in named), default=0)
+        best = {row for row in named if len(row[0]) == longest}
+        return best.pop() if len(best) == 1 else (None, None)
 
     def of_message(self, message: str) -> str:
         """`file:line` of what a message of MuJoCo's is about; the file where it does not say which line."""
@@ -90,7 +91,7 @@ def _kind(element: etree._Element) -> str | None:
     parent = element.getparent()
     if parent is not None and parent.tag in _SECTIONS:
         return str(parent.tag)
-    return {"body": "body", "joint": "joint", "freejoint": "joint"}.get(str(element.tag))
+    return {"body": "body", "link": "body", "joint": "joint", "freejoint": "joint"}.get(str(element.tag))
 
 
 def _start_lines(text: str | bytes) -> Iterator[int]:

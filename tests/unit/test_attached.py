@@ -125,3 +125,26 @@ def test_files_of_attached_models_stay_inside(robot: Path, make_box) -> None:
     mujoco.MjModel.from_xml_path(str(robot / "r.xml"))
     with pytest.raises(AssetError, match="refused"):
         compile_plain(load(robot / "r.xml"))
+
+
+def test_a_urdf_is_attached_with_its_meshes(tmp_path: Path, make_box) -> None:
+    make_box(tmp_path / "arm files/meshes/box.stl", 0.5)
+    shape = '<collision><geometry><mesh filename="meshes/box.stl"/></geometry></collision>'
+    inertial = '<inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    (tmp_path / "arm files/ärm.urdf").write_text(
+        f'<robot name="arm"><link name="arm">{inertial}{shape}</link><link name="hand">{inertial}{shape}</link>\n'
+        '<joint name="turn" type="continuous"><parent link="arm"/><child link="hand"/></joint></robot>'
+    )
+    (tmp_path / "r.xml").write_text(
+        '<mujoco><asset><model name="m" file="arm files/ärm.urdf"/></asset><worldbody><body name="base">'
+        '<geom size=".1"/><attach model="m" body="arm" prefix="l_"/></body></worldbody></mujoco>'
+    )
+    description = load(tmp_path / "r.xml")
+    model = compile_plain(description)
+    assert (model.nmesh, masses(model)["l_hand"]) == (1, 2.0)
+    origins = [(each.given, each.original, each.where) for each in read(description).origins]
+    assert origins[1:] == [
+        ("l_arm", "arm", "ärm.urdf:1"),
+        ("l_hand", "hand", "ärm.urdf:1"),
+        ("l_turn", "turn", "ärm.urdf:2"),
+    ]
