@@ -67,23 +67,21 @@ def unexplained(
     known = {element.get("name", "") for element in elements if id(element) in removed}
     known |= {loss.name for loss in lost} | set(gone)
     known.discard("")
-    left = Counter(_signatures(after).values())
+    staying = {element: signature for element, signature in signatures.items() if id(element) not in removed}
+    unsettled = Counter(staying.values()) - Counter(_signatures(after).values())
     explained = set(removed)
-    found = []
-    for element, signature in signatures.items():
-        if id(element) in removed:
-            continue
-        left[signature] -= 1
-        if left[signature] >= 0:
+    for element, signature in staying.items():
+        if signature not in unsettled:
             continue
         around = [part for part in element.iterancestors() if part.getparent() is not None]
         mentioned = any(word in known for part in [*element.iter("*"), *around] for word in _words(part))
         listed = any(loss.kind == _KINDS.get(element.tag, element.tag) and not loss.limb for loss in lost)
         if mentioned or listed or id(element.getparent()) in explained:
             explained.add(id(element))
-        else:
-            found.append(f"{element.tag} {dict(element.attrib)}"[:100])
-    return found
+            unsettled[signature] -= 1
+    # Of several that look alike it cannot be told which went.
+    alike = {signature: element for element, signature in staying.items()}
+    return [f"{alike[s].tag} {dict(alike[s].attrib)}"[:100] for s, count in unsettled.items() if count > 0]
 
 
 def _goes(element: Any, gone: Collection[str], names: Mapping[int, str]) -> bool:
