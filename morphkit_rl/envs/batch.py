@@ -15,12 +15,11 @@ import numpy as np
 from morphkit.errors import ConfigError
 from morphkit.simulation import Simulation
 from morphkit.tokens import TokenSpec
+from morphkit_rl.envs.divergence import Divergence
 from morphkit_rl.envs.observation import Observation, ObservationPass
 from morphkit_rl.envs.reward import RewardPass
 from morphkit_rl.envs.stepping import Robot, Stepper
 from morphkit_rl.envs.tasks import Task
-
-_DIVERGED = 1e6  # in m, rad, m/s, rad/s: a substep of 0.1 ms at an acceleration that MuJoCo calls bad, 1e10, leads here
 
 
 class Episode(NamedTuple):
@@ -74,8 +73,7 @@ class BatchEnv:
 
     Attributes:
         specs: TokenSpec of each robot.
-        diverged: Episodes that ended because a coordinate or velocity was not finite or beyond 1e6, or because MuJoCo
-            gave up within a control step, such as for lack of memory for contacts; int64 (robots,).
+        diverged: Episodes that ended because the simulation diverged (see `Divergence`), int64 (robots,).
 
     Raises:
         ConfigError: No robots, lists of different lengths, a task that `task_for` has not filled in, or a specification
@@ -105,8 +103,7 @@ class BatchEnv:
         states = _slices([n * size for n, size in zip(self.num_envs, sizes, strict=True)])
         self._state = np.concatenate([np.tile(robot.start, len(robot.ctrl)) for robot in self._robots])
         starts = [np.arange(part.start, part.stop, size) for part, size in zip(states, sizes, strict=True)]
-        self._time = np.concatenate(starts)
-        self._most_of_step = np.repeat([robot.most_of_step for robot in self._robots], self.num_envs)
+        self._divergence = Divergence(self._robots, starts)
         self._observe_all = ObservationPass(simulations, self.specs, starts, observation)
         rows = _slices([n * len(s.limb_body) for n, s in zip(self.num_envs, simulations, strict=True)])
         for robot, part, mine, n in zip(self._robots, states, rows, self.num_envs, strict=True):
@@ -175,7 +172,9 @@ class BatchEnv:
         for robot, mine in zip(self._robots, self._ctrl, strict=True):
             robot.ctrl[:] = ctrl[mine].reshape(len(robot.ctrl), 1, -1)
         self._stepper.advance_and_sense()
-        diverged = self._undo_diverged(before)
+        diverged = self._divergence.undo(self._state, before)
+        if diverged is not None:
+            self._stepper.sense()
         final = self._observe_all(self._state)
         reward, terminated = self._reward(forward, self._state, ctrl)
         if diverged is not None:
@@ -268,24 +267,6 @@ class BatchEnv:
         if not np.isfinite(flat).all():
             raise ValueError("actions must be finite")
         return np.clip(flat, self._ctrl_low, self._ctrl_high, out=flat)
-
-    def _undo_diverged(self, before: np.ndarray) -> np.ndarray | None:
-        """Put diverged environments back to where they were; which they are, bool (environments,), None where none."""
-        whole = self._state.take(self._time) - before.take(self._time) > self._most_of_step
-        if np.abs(self._state).max(initial=0.0) < _DIVERGED and whole.all():  # False for NaN
-            return None
-        diverged = ~whole
-        start = 0
-        for robot, mine in zip(self._robots, self._envs, strict=True):
-            old = before[start : start + robot.state.size].reshape(robot.state.shape)
-            start += robot.state.size
-            moderate = (np.abs(robot.moving) < _DIVERGED).all(axis=1) & np.isfinite(robot.state).all(axis=1)
-            diverged[mine] |= ~moderate
-            robot.state[diverged[mine]] = old[diverged[mine]]
-        if not diverged.any():  # an activation may be large, such as a force in N
-            return None
-        self._stepper.sense()
-        return diverged
 
     def _end(self, done: np.ndarray, diverged: np.ndarray | None) -> list[Episode]:
         """The episodes that ended; their counters start anew."""

@@ -33,8 +33,6 @@ class Robot:
         start: The noise-free start state, (size,).
         ctrl: (n, frame_skip, actuators), the control of every simulator step.
         bounds: Lower and upper bounds of the controls, (2, actuators).
-        most_of_step: Duration of a control step less half a simulator step, s: `mujoco.rollout` leaves out the rest of
-            the simulator steps after one that MuJoCo warns of.
     """
 
     state: np.ndarray
@@ -48,7 +46,6 @@ class Robot:
         self.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)  # who sleeps is no part of the state
         self.kinematics = simulation.kinematics
         self.nq, self.nv, self.frame_skip = self.model.nq, self.model.nv, task.frame_skip or 1
-        self.most_of_step = (self.frame_skip - 0.5) * self.model.opt.timestep
         self.start = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, mujoco.MjData(self.model), self.start, _STATE)
         self.ctrl = np.zeros((n, self.frame_skip, self.model.nu))
@@ -78,11 +75,6 @@ class Robot:
     def qvel(self) -> np.ndarray:
         """Velocities, (n, nv), a view."""
         return self.state[:, 1 + self.nq : 1 + self.nq + self.nv]
-
-    @property
-    def moving(self) -> np.ndarray:
-        """Coordinates and velocities, (n, nq + nv), a view."""
-        return self.state[:, 1 : 1 + self.nq + self.nv]
 
     @property
     def cost(self) -> float:
