@@ -59,7 +59,7 @@ def settle_urdf(spec: mujoco.MjSpec) -> None:
     for joint in spec.joints:
         joint.armature = max(joint.armature, URDF_ARMATURE)
         if not np.any(joint.damping):
-            joint.damping = np.full_like(joint.damping, URDF_DAMPING)
+            joint.damping = [URDF_DAMPING, 0, 0]  # the others are for higher powers of the speed
     for geom in spec.geoms:
         geom.conaffinity = 0
 

@@ -50,8 +50,8 @@ def settle_timestep(spec: mujoco.MjSpec, model: mujoco.MjModel, file: str) -> It
     if timestep != URDF_TIMESTEP_S:
         timestep = max(timestep / 2, _TIMESTEPS_S[-1])  # what just holds may not hold under other controls
         yield (
-            f"the time step is {1000 * timestep:g} ms: at {1000 * URDF_TIMESTEP_S:g} ms the robot diverges with all motors"
-            " at full effort to and fro; real effort limits would do more"
+            f"the time step is {1000 * timestep:g} ms: at {1000 * URDF_TIMESTEP_S:g} ms the robot diverges with all"
+            " motors at full effort to and fro; real effort limits would do more"
         )
     spec.option.timestep = model.opt.timestep = timestep
 

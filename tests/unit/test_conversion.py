@@ -158,6 +158,8 @@ def test_joints_keep_limits_damping_and_friction(converted: tuple[Conversion, Pa
     assert np.ravel(model.dof_damping[dof])[0] == 0.7
     assert model.dof_frictionloss[dof] == 0.2
     assert not model.joint("spin").limited
+    assert model.dof_damping[model.joint("spin").dofadr[0]] == 0.1
+    assert not model.dof_dampingpoly.any()  # nothing that grows with the square of the speed
     assert [model.actuator(index).name for index in range(model.nu)] == ["shoulder", "rail", "turn"]
     assert model.actuator("rail").ctrlrange.tolist() == [-80, 80]
 
