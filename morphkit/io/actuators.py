@@ -10,6 +10,7 @@ import mujoco
 
 from morphkit.errors import DescriptionError
 from morphkit.io.common import nearest
+from morphkit.io.transmissions import UNITS, along, driven, quantity
 from morphkit.morphology import Actuator
 
 Where = Callable[[str, str], str]
@@ -25,14 +26,6 @@ _DEFAULT_INPUTS = {
     mujoco.mjtGain.mjGAIN_PID: int(_INPUT.mjINPUT_POS) | int(_INPUT.mjINPUT_VEL),
     mujoco.mjtGain.mjGAIN_DCMOTOR: int(_INPUT.mjINPUT_VOLTAGE),
 }
-_QUANTITIES = {
-    mujoco.mjtActuator.mjACTUATOR_MOTOR: "force",
-    mujoco.mjtActuator.mjACTUATOR_POSITION: "position",
-    mujoco.mjtActuator.mjACTUATOR_VELOCITY: "velocity",
-    mujoco.mjtActuator.mjACTUATOR_INTVELOCITY: "velocity",
-}
-_ANGULAR = {"force": "N*m", "position": "rad", "velocity": "rad/s"}
-_LINEAR = {"force": "N", "position": "m", "velocity": "m/s"}
 
 
 def read_actuators(
@@ -58,7 +51,8 @@ def read_actuators(
         if body is not None and body not in limb_of:
             continue
         limb = limb_of[body] if body is not None else None
-        for suffix, quantity, (low, high) in _inputs(spec, actuator, joint):
+        units = UNITS[along(spec, actuator)]
+        for suffix, measured, (low, high) in _inputs(spec, actuator, joint):
             elements.append(actuator.name)
             found.append(
                 Actuator(
@@ -67,7 +61,7 @@ def read_actuators(
                     joint=joint.name if joint is not None else None,
                     low=low,
                     high=high,
-                    unit=_unit(actuator, joint, quantity),
+                    unit="V" if measured == "voltage" else units.get(measured, "1"),
                 )
             )
     return tuple(found), tuple(elements)
@@ -75,17 +69,10 @@ def read_actuators(
 
 def _target(spec: mujoco.MjSpec, actuator: Any, where: Where) -> tuple[Any | None, str | None]:
     """Return the joint and the body name that an actuator drives; None for what it does not have."""
+    found = driven(spec, actuator)
+    if found is not None:
+        return found
     kind, name = actuator.trntype, actuator.target
-    joints = kind in (_TRN.mjTRN_JOINT, _TRN.mjTRN_JOINTINPARENT, _TRN.mjTRN_SO3)
-    if joints and (joint := spec.joint(name)) is not None:
-        return joint, joint.parent.name
-    if kind == _TRN.mjTRN_TENDON and spec.tendon(name) is not None:
-        return None, None
-    if kind == _TRN.mjTRN_BODY and spec.body(name) is not None:
-        return None, name
-    sites = kind in (_TRN.mjTRN_SITE, _TRN.mjTRN_SLIDERCRANK, _TRN.mjTRN_SO3)
-    if sites and (site := spec.site(name)) is not None:
-        return None, site.parent.name
     what, known = {
         _TRN.mjTRN_TENDON: ("tendon", spec.tendons),
         _TRN.mjTRN_BODY: ("body", spec.bodies),
@@ -113,7 +100,7 @@ def _inputs(spec: mujoco.MjSpec, actuator: Any, joint: Any | None) -> Iterator[t
             own = {"velocity": actuator.velrange, "force": actuator.ffrange}.get(name)
             yield f"_{name}" if len(names) > 1 else "", name, bounds if own is None else _interval(own)
     else:
-        yield "", _QUANTITIES.get(actuator.type, ""), bounds
+        yield "", quantity(actuator), bounds
 
 
 def _bounds(spec: mujoco.MjSpec, actuator: Any, joint: Any | None) -> tuple[float, float]:
@@ -124,7 +111,10 @@ def _bounds(spec: mujoco.MjSpec, actuator: Any, joint: Any | None) -> tuple[floa
         middle, half = (low + high) / 2, (high - low) / 2 * float(actuator.inheritrange)
         return _interval((middle - half, middle + half))
     low, high = (float(value) for value in actuator.ctrlrange)
-    return (low, high) if is_limited(spec, actuator.ctrllimited, low, high) else (-math.inf, math.inf)
+    if is_limited(spec, actuator.ctrllimited, low, high):
+        return low, high
+    muscle = actuator.dyntype == mujoco.mjtDyn.mjDYN_MUSCLE  # which clips its excitation itself (mju_muscleDynamics)
+    return (0.0, 1.0) if muscle else (-math.inf, math.inf)
 
 
 def _inherited(spec: mujoco.MjSpec, actuator: Any, joint: Any | None) -> tuple[float, float] | None:
@@ -145,17 +135,6 @@ def _inherited(spec: mujoco.MjSpec, actuator: Any, joint: Any | None) -> tuple[f
 def _interval(limits: Sequence[float]) -> tuple[float, float]:
     low, high = float(limits[0]), float(limits[1])
     return (low, high) if low < high else (-math.inf, math.inf)
-
-
-def _unit(actuator: Any, joint: Any | None, quantity: str) -> str:
-    if quantity == "voltage":
-        return "V"
-    gear = math.sqrt(sum(float(value) ** 2 for value in actuator.gear))
-    if joint is None or not math.isclose(gear, 1.0):
-        return "1"
-    if joint.type == mujoco.mjtJoint.mjJNT_FREE:
-        return "1"
-    return (_LINEAR if joint.type == mujoco.mjtJoint.mjJNT_SLIDE else _ANGULAR).get(quantity, "1")
 
 
 def joint_range(joint: Any) -> tuple[float, float]:

@@ -11,11 +11,12 @@ import mujoco
 
 from morphkit.io.limits import READINGS
 from morphkit.io.mjcf_names import sensor_kind
+from morphkit.io.transmissions import along, driven, of_joint, of_tendon
 from morphkit.morphology import Reading, Sensor
 
 _OBJ = mujoco.mjtObj
 _SENSOR = mujoco.mjtSensor
-_JOINT = mujoco.mjtJoint
+_DATA = mujoco.mjtDataType
 XYZ = ("x", "y", "z")
 WXYZ = ("w", *XYZ)
 
@@ -104,8 +105,8 @@ def _body_of(spec: mujoco.MjSpec, kind: Any, name: str) -> str | None:
         return name
     if kind == _OBJ.mjOBJ_ACTUATOR:
         actuator = spec.actuator(name)
-        joint = spec.joint(actuator.target) if actuator is not None and _on_joint(actuator) else None
-        return joint.parent.name if joint is not None else None
+        found = driven(spec, actuator) if actuator is not None else None
+        return found[1] if found is not None else None
     look_up = {
         _OBJ.mjOBJ_JOINT: spec.joint,
         _OBJ.mjOBJ_GEOM: spec.geom,
@@ -116,12 +117,8 @@ def _body_of(spec: mujoco.MjSpec, kind: Any, name: str) -> str | None:
     return element.parent.name if element is not None else None
 
 
-def _on_joint(actuator: Any) -> bool:
-    return actuator.trntype in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-
-
 def _readings(spec: mujoco.MjSpec, sensor: Any, kind: str) -> Iterator[Reading]:
-    low, high = _bounds(kind, float(sensor.cutoff))
+    low, high = _bounds(kind, sensor)
     if kind in _FIXED:
         components, unit, where = _FIXED[kind]
         frames = {"own": sensor.objname, "reference": sensor.refname or "world", "world": "world"}
@@ -170,22 +167,19 @@ def _unit_along(spec: mujoco.MjSpec, sensor: Any, kind: str) -> str | None:
         return None
     if kind.startswith("joint"):
         joint = spec.joint(sensor.objname)
-        return sliding if joint is not None and joint.type == _JOINT.mjJNT_SLIDE else turning
-    if kind.startswith("tendon"):
-        tendon = spec.tendon(sensor.objname)
-        wraps = list(tendon.path) if tendon is not None else []
-        return "1" if wraps and wraps[0].type == mujoco.mjtWrap.mjWRAP_JOINT else sliding
-    actuator = spec.actuator(sensor.objname)
-    joint = spec.joint(actuator.target) if actuator is not None and _on_joint(actuator) else None
-    gear = [float(value) for value in actuator.gear] if actuator is not None else []
-    if joint is None or gear[:1] != [1.0] or any(gear[1:]):
-        return "1"
-    return sliding if joint.type == _JOINT.mjJNT_SLIDE else turning
+        way = of_joint(joint) if joint is not None else None
+    elif kind.startswith("tendon"):
+        way = of_tendon(spec.tendon(sensor.objname))
+    else:
+        actuator = spec.actuator(sensor.objname)
+        way = along(spec, actuator) if actuator is not None else None
+    return "1" if way is None else turning if way == "angle" else sliding
 
 
-def _bounds(kind: str, cutoff: float) -> tuple[float | None, float | None]:
+def _bounds(kind: str, sensor: Any) -> tuple[float | None, float | None]:
     """What MuJoCo clips a reading to: a positive `cutoff` bounds it, also from below where it can be negative."""
-    if kind in _POSITIVE:
+    cutoff = float(sensor.cutoff)
+    if kind in _POSITIVE or (kind == "user" and sensor.datatype == _DATA.mjDATATYPE_POSITIVE):
         return 0.0, cutoff if cutoff > 0 else None
     if cutoff <= 0 or kind in _NEVER_CUT:
         return None, None

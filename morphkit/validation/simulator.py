@@ -114,7 +114,8 @@ def _structure(spec: mujoco.MjSpec) -> dict[str, Any]:
             "name": each.name,
             "line": _line(each.info),
             "bounded": is_limited(spec, each.ctrllimited, float(each.ctrlrange[0]), float(each.ctrlrange[1]))
-            or float(each.inheritrange) > 0,
+            or float(each.inheritrange) > 0
+            or each.dyntype == mujoco.mjtDyn.mjDYN_MUSCLE,  # it clips its excitation to 0..1
         }
         for each in spec.actuators
     ]

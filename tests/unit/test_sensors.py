@@ -41,7 +41,7 @@ ALL = """<touch site="imu" cutoff="2"/><accelerometer site="imu"/><velocimeter s
 <distance geom1="g" geom2="sole" cutoff="1"/><normal geom1="g" geom2="sole"/><fromto geom1="g" geom2="sole"/>
 <contact geom1="g" num="2" data="found force torque dist pos normal tangent"/><contact geom1="sole" data="found"/>
 <contact geom1="g" data="force" reduce="netforce"/><e_potential/><e_kinetic/><clock/><user name="u" dim="3"/>
-<user name="single" dim="1"/>"""
+<user name="single" dim="1"/><user name="share" dim="2" datatype="positive" cutoff="3"/>"""
 
 
 def robot(sensors: str) -> Description:
@@ -69,10 +69,11 @@ def test_every_kind_has_the_size_and_bounds_that_mujoco_gives_it() -> None:
         ('<jointpos name="s" joint="slider"/>', "m", None, "foot"),
         ('<jointactuatorfrc name="s" joint="slider"/>', "N", None, "foot"),
         ('<jointlimitfrc name="s" joint="knee"/>', "N*m", None, "leg"),
-        ('<tendonpos name="s" tendon="mix"/>', "1", None, None),
+        ('<tendonpos name="s" tendon="mix"/>', "rad", None, None),
         ('<tendonvel name="s" tendon="cord"/>', "m/s", None, None),
         ('<actuatorpos name="s" actuator="m"/>', "m", None, "foot"),
         ('<actuatorfrc name="s" actuator="geared"/>', "1", None, "leg"),
+        ('<actuatorvel name="s" actuator="pull"/>', "m/s", None, None),
         ('<framepos name="s" objtype="body" objname="leg"/>', "m", "world", "leg"),
         ('<framelinvel name="s" objtype="body" objname="leg" reftype="site" refname="toe"/>', "m/s", "toe", "leg"),
         ('<framelinacc name="s" objtype="xbody" objname="leg"/>', "m/s^2", "world", "leg"),
