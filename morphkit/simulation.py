@@ -76,7 +76,8 @@ def build(description: Description, *, base: Base | None = None) -> Simulation:
     """Compile a description together with what it lacks to be simulated.
 
     Added where missing: a floor (`morphkit_floor`), base joints, motors within the effort limits (URDF); always, and
-    last: the sensors of the limbs. A root that gets base joints is raised until the robot starts 1 cm above the floor.
+    last: the sensors of the limbs. A root that gets base joints is raised until the robot starts 1 cm above the floor,
+    and so is one that would start within a floor that was added.
 
     Args:
         description: The robot.
@@ -131,12 +132,17 @@ def _complete(
     base = morphology.base
     if description.format == "urdf":
         completion.settle_urdf(spec)
-    if own_base is None and base != "fixed":
+    has_floor = not completion.add_floor(spec, solid=base != "fixed")
+    if base != "fixed" and (own_base is None or not has_floor):
         model = compile_spec(spec.copy(), description.file)
-        completion.lift(spec, root, model)
-        completion.add_base_joints(spec, root, base)
-        notes.append(f"a {base} base was added at {root.name!r}, which starts at height {root.pos[2]:.3f} m")
-    if completion.add_floor(spec, solid=base != "fixed"):
+        if own_base is None:
+            completion.lift(spec, root, model)
+            completion.add_base_joints(spec, root, base)
+            notes.append(f"a {base} base was added at {root.name!r}, which starts at height {root.pos[2]:.3f} m")
+        elif completion.lowest_point(model, model.body(root.name).id) < 0:
+            completion.lift(spec, root, model)
+            notes.append(f"{root.name!r} was raised to {root.pos[2]:.3f} m, out of the floor")
+    if not has_floor:
         notes.append("a floor was added")
     if not spec.actuators and morphology.actuators:
         completion.add_motors(spec, morphology.actuators)

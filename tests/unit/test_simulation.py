@@ -34,6 +34,9 @@ def mjcf(body: str, rest: str = "") -> Description:
     return Description("thing", "thing.xml", "mjcf", source.encode())
 
 
+PLANAR = '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>'
+
+
 def lowest_of_compiled(simulation: Simulation) -> float:
     """Distance of the robot from the floor at the start, by MuJoCo's own collision functions, m."""
     model = simulation.model
@@ -111,6 +114,16 @@ def test_a_root_within_a_turned_frame_starts_at_the_floor_and_leaves_what_else_i
     np.testing.assert_allclose(simulation.model.body("a").pos[:2], plain.body("a").pos[:2], atol=1e-12)
     np.testing.assert_allclose(simulation.model.site("mark").pos, plain.site("mark").pos, atol=1e-12)
     assert simulation.model.qpos0[1 if base == "planar" else 2] == pytest.approx(simulation.model.body("a").pos[2])
+
+
+@pytest.mark.parametrize("joints", ["<freejoint/>", PLANAR], ids=["free", "planar"])
+def test_a_robot_on_a_base_of_its_own_does_not_start_within_a_floor_that_was_added(joints: str) -> None:
+    body = f'<body name="a" pos="0 0 {{}}">{joints}<geom type="box" size=".1 .2 .3"/></body>'
+    sunken, above = (build(mjcf(body.format(height))) for height in (0.1, 0.5))
+    assert lowest_of_compiled(sunken) == pytest.approx(0.01, abs=1e-6)
+    assert lowest_of_compiled(above) == pytest.approx(0.2, abs=1e-6)
+    own_floor = build(mjcf(f'<geom type="plane" size="1 1 1" pos="0 0 -1"/>{body.format(0.1)}'))
+    assert own_floor.model.body("a").pos[2] == 0.1
 
 
 def test_own_base_and_floor_are_kept() -> None:
