@@ -114,8 +114,10 @@ def _parse(description: Description) -> tuple[mujoco.MjSpec, tuple[Origin, ...],
     try:
         spec = mujoco.MjSpec.from_string(text, include=models)
     except Exception as error:
-        reason = " ".join(re.sub(r"(XML )?Error:", "", str(error)).split())
-        raise DescriptionError(f"{places.of_message(str(error))}: MuJoCo does not accept this MJCF: {reason}") from None
+        place = places.of_message(str(error))
+        said = re.sub(r",? line \d+", "", str(error)) if place != file else str(error)  # a line of the flattened text
+        reason = " ".join(re.sub(r"(XML )?Error:", "", said).split())
+        raise DescriptionError(f"{place}: MuJoCo does not accept this MJCF: {reason}") from None
     origins = name_with_origins(spec, places)
     stands = {(origin.kind, origin.given): origin.where for origin in origins}
     return spec, origins, lambda kind, name: stands.get((kind, name)) or file
