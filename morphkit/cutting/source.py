@@ -69,12 +69,10 @@ class Source:
         if span is None:
             start = self._bytes(f"<{name}" + "".join(f" {key}={_quote(value)}" for key, value in node.attrib.items()))
         else:
-            start = self._source[span[0] : span[1]].rstrip(b"/> \t\r\n")
+            start = self._source[span[0] : span[1]].removesuffix(b">").removesuffix(b"/")
             if self._before[id(node)][0] != tuple(node.attrib.items()):
                 before = dict(self._before[id(node)][0])
                 start = _edit_attributes(start.decode(self._encoding), before, dict(node.attrib)).encode(self._encoding)
-            elif content or self._source[span[1] - 2 : span[1]] != b"/>":
-                start = self._source[span[0] : span[1]].removesuffix(b"/>").removesuffix(b">")
         if not content and (span is None or self._source[span[1] - 2 : span[1]] == b"/>"):
             return start + b"/>"
         return start + b">" + content + self._bytes(f"</{name}>")
@@ -114,7 +112,7 @@ def _quote(value: str) -> str:
 
 
 def _edit_attributes(start: str, before: dict[str, str], wanted: dict[str, str]) -> str:
-    """The start tag `start` (without its closing bracket) with `wanted`; what is as `before` is left as written."""
+    """The start tag `start`, without `>` or `/>`, with `wanted`; what is as `before` is left as written."""
     left = dict(wanted)
 
     def replace(match: re.Match[str]) -> str:
@@ -130,7 +128,8 @@ def _edit_attributes(start: str, before: dict[str, str], wanted: dict[str, str])
         return f"{space}{name}{equals}{_without_words(quoted, value) or _quote(value)}"
 
     edited = _ATTRIBUTE.sub(replace, start)
-    return edited + "".join(f" {name}={_quote(value)}" for name, value in left.items())
+    end = len(edited.rstrip())
+    return edited[:end] + "".join(f" {name}={_quote(value)}" for name, value in left.items()) + edited[end:]
 
 
 def _without_words(quoted: str, value: str) -> str:

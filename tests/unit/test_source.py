@@ -44,6 +44,20 @@ def test_an_attribute_with_new_words_is_written_on_one_line():
     assert b'\n    qpos=".4 .1"\n' in with_qpos(".4 .1")
 
 
+@pytest.mark.parametrize("end", ["/>", " />", "\n/>", "></key>", "\n></key>"])
+def test_the_end_of_a_start_tag_stays_as_it_is_written(end):
+    source = f'<mujoco><key name="a"\n  time="1"{end}</mujoco>'.encode()
+    opened = Source(source, file="key.xml")
+    opened.root[0].set("time", "2")
+    assert opened.render() == source.replace(b'"1"', b'"2"')
+    opened = Source(source, file="key.xml")
+    opened.root[0].set("qpos", "3")
+    assert opened.render() == source.replace(b'"1"', b'"1" qpos="3"')
+    opened = Source(source, file="key.xml")
+    opened.root[0].attrib.pop("time")
+    assert opened.render() == source.replace(b'\n  time="1"', b"")
+
+
 def test_windows_line_ends_stay():
     source = KEY.replace(b"\n", b"\r\n")
     assert with_qpos("0 0 1 1 0 0 0 .1 .2", source) == source.replace(b"\r\n      .3 .4", b"")
