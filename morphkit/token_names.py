@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Literal
 
 from morphkit.morphology import Actuator, Joint, Limb, Morphology
@@ -99,6 +99,16 @@ def actuator_names(
         else:
             parts = [labels[limb], own]
         yield "_".join([*parts, "ctrl"])
+
+
+def numbered_controls(actuators: Sequence[Actuator], alone: Sequence[str], taken: Iterable[str]) -> list[str]:
+    """Names of the actuators' tokens, unique also among those `taken`, out of what each would be called `alone`.
+
+    Those that drive a limb come first: one that drives none never takes a limb's name.
+    """
+    order = sorted(range(len(actuators)), key=lambda index: actuators[index].limb is None)
+    names = dict(zip(order, unique((alone[index] for index in order), taken=taken), strict=True))
+    return [names[index] for index in range(len(actuators))]
 
 
 def _underscored(name: str) -> str:

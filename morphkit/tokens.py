@@ -22,6 +22,7 @@ from morphkit.token_names import (
     joint_labels,
     limb_labels,
     limb_scalars,
+    numbered_controls,
 )
 from morphkit.token_origins import Named, given_names
 from morphkit.token_records import ActuatorToken, SensorToken, TokenLimb
@@ -158,13 +159,9 @@ def tokens(
             sensed.append((name, (sensor.limb, *astuple(reading))))
             named.append((name, "sensor", sensor.name))
     names = unique(name for name, _ in sensed)
-    named += [
-        (name, "actuator", actuator.name)
-        for name, actuator in zip(
-            actuator_names(morphology.actuators, naming, labels, joints), morphology.actuators, strict=True
-        )
-    ]
-    controls = unique((name for name, _, _ in named[len(names) :]), taken=names)
+    alone = list(actuator_names(morphology.actuators, naming, labels, joints))
+    named += [(name, "actuator", each.name) for name, each in zip(alone, morphology.actuators, strict=True)]
+    controls = numbered_controls(morphology.actuators, alone, names)
     origins = given_names(morphology, naming, limb_names, canonical or {}, zip([*names, *controls], named, strict=True))
 
     def text(name: str) -> str:

@@ -115,7 +115,7 @@ def test_the_map_of_an_mjcf_file() -> None:
         ("pid_velocity", "actuator", "pid", "r.xml:19", 3),
         ("foot_2", "body", "foot", "r.xml:11", 8),
         *((f"torso_position_{axis}_2", "sensor", "torso_position", "r.xml:23", 1) for axis in "xyz"),
-        ("thigh_ctrl_2", "actuator", None, "r.xml:18", 2),
+        ("thigh_ctrl_2", "actuator", "thigh", "r.xml:17", 1),
     ]
     assert TokenSpec.from_json(spec.to_json()) == spec
     assert len(json.loads(spec.to_json())["given_names"]) == len(found)
