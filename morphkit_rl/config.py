@@ -197,14 +197,14 @@ def load_config(preset: str | Path = "default", overrides: Sequence[str] = ()) -
     """
     if str(preset) in presets():
         origin = f"preset {preset}"
-        source = (resources.files("morphkit_rl") / "presets" / f"{preset}.toml").read_text()
+        source = (resources.files("morphkit_rl") / "presets" / f"{preset}.toml").read_bytes()
     elif Path(preset).suffix == ".toml" and Path(preset).is_file():
-        origin, source = str(preset), Path(preset).read_text()
+        origin, source = str(preset), Path(preset).read_bytes()
     else:
         raise UnknownNameError(f"no preset {str(preset)!r} and no such .toml file; presets: {', '.join(presets())}")
     try:
-        values: dict[str, Any] = tomllib.loads(source)
-    except tomllib.TOMLDecodeError as error:
+        values: dict[str, Any] = tomllib.loads(source.decode())
+    except ValueError as error:
         raise ConfigError(f"{origin}: not valid TOML: {error}") from None
     for text in overrides:
         override(values, text)

@@ -78,10 +78,12 @@ def evaluate(
 
     Raises:
         CheckpointError: The run has no whole checkpoint.
-        ConfigError: A robot has no actuators, or `episodes` is less than 1.
+        ConfigError: A robot has no actuators, `episodes` is less than 1, or `seed` is negative.
     """
     if episodes < 1:
         raise ConfigError(f"episodes is {episodes}; expected at least 1")
+    if seed < 0:
+        raise ConfigError(f"seed is {seed}; expected a non-negative number")
     policy = Policy.load(run)
     robots = [_prepared(run, policy, description, task, base) for description in descriptions]
     with single_thread():

@@ -32,6 +32,12 @@ def test_error_of_the_user_is_one_message_and_exit_2(monkeypatch, capsys):
     assert captured.err == "error: no robot is called x\n"
 
 
+def test_lack_of_memory_is_one_message(monkeypatch, capsys):
+    monkeypatch.setattr(morphkit.robots, "shipped", raising(MemoryError("Unable to allocate 9 PiB")))
+    assert run(["robots"]) == 2
+    assert capsys.readouterr().err == "error: not enough memory: Unable to allocate 9 PiB\n"
+
+
 def test_operating_system_error_names_the_file(monkeypatch, capfd):
     monkeypatch.setattr(morphkit.robots, "shipped", raising(OSError(errno.ENOSPC, "No space left on device", "a/b")))
     monkeypatch.setattr("morphkit_cli.main._drop_stdout", lambda: None)

@@ -101,9 +101,10 @@ def test_a_preset_file_of_ones_own(tmp_path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("[td3]\ntau = 0.25\n")
     assert load_config(path).td3.tau == 0.25
-    path.write_text("[td3\n")
-    with pytest.raises(ConfigError, match="not valid TOML"):
-        load_config(path)
+    for damaged in (b"[td3\n", b"\xff\xfe[td3]"):
+        path.write_bytes(damaged)
+        with pytest.raises(ConfigError, match="not valid TOML"):
+            load_config(path)
     with pytest.raises(UnknownNameError, match="presets: "):
         load_config("defualt")
 

@@ -124,6 +124,12 @@ def test_a_recording_holds_the_poses_of_one_episode(run: Path) -> None:
     assert rate > 0
 
 
+def test_evaluation_refuses_what_makes_no_sense(run: Path) -> None:
+    for wrong in ({"episodes": 0}, {"seed": -1}):
+        with pytest.raises(ConfigError, match=f"{next(iter(wrong))} is"):
+            evaluate(run, [load("arm")], **wrong)
+
+
 def test_evaluation_takes_task_and_base_of_the_run(tmp_path: Path, config: TrainConfig) -> None:
     robot = load("quadruped")
     assert (robot.info.task, robot.info.base) == ("locomotion", "free")
