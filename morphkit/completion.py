@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from morphkit.description import Description
 from morphkit.errors import ConfigError
+from morphkit.io import xml
 from morphkit.morphology import Actuator, Base
 
 FLOOR_NAME = "morphkit_floor"
@@ -16,6 +19,8 @@ CLEARANCE_M = 0.01
 URDF_TIMESTEP_S = 0.004
 URDF_ARMATURE = 0.01
 URDF_DAMPING = 0.1
+_TINY = 1e-300
+_MOST_BRAKING = 1e9  # rad/s^2 (m/s^2); MuJoCo starts anew beyond 1e10
 LIMB_SENSORS = (
     ("position", mujoco.mjtSensor.mjSENS_FRAMEPOS),
     ("translational_velocity", mujoco.mjtSensor.mjSENS_FRAMELINVEL),
@@ -47,21 +52,48 @@ def add_floor(spec: mujoco.MjSpec, *, solid: bool) -> bool:
     return True
 
 
-def settle_urdf(spec: mujoco.MjSpec) -> None:
+def settle_urdf(spec: mujoco.MjSpec, description: Description) -> None:
     """Fill in what URDF has no words for.
 
-    Time step 4 ms with the implicitfast integrator; armature 0.01 kg*m^2 (kg) on every joint, and damping
-    0.1 N*m*s/rad (N*s/m) where the file gives none. The robot's geoms collide with the floor but not with each other: a
+    Time step 4 ms with the implicitfast integrator; armature 0.01 kg*m^2 (kg) on every joint. Where the file gives no
+    damping: 0.1 N*m*s/rad (N*s/m), and a part that grows with the cube of the speed, such that the joint's effort limit
+    drives it at its velocity limit. The robot's geoms collide with the floor but not with each other: a
     URDF does not say which links may touch, and neighbours often overlap.
     """
+    limits = _drive_limits(description)
     spec.option.timestep = URDF_TIMESTEP_S
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     for joint in spec.joints:
         joint.armature = max(joint.armature, URDF_ARMATURE)
         if not np.any(joint.damping):
-            joint.damping = [URDF_DAMPING, 0, 0]  # the others are for higher powers of the speed
+            effort, speed = limits.get(joint.name, (0.0, 0.0))
+            joint.damping = [URDF_DAMPING, 0, _cubic_damping(effort, speed, joint.armature)]
     for geom in spec.geoms:
         geom.conaffinity = 0
+
+
+def _drive_limits(description: Description) -> dict[str, tuple[float, float]]:
+    """Effort limit, N*m (N), and velocity limit, rad/s (m/s), of the joints of a URDF that state both."""
+    found = {}
+    for limit in xml.parse(description.source, file=description.file).getroot().iterfind("joint/limit"):
+        try:
+            found[limit.getparent().get("name")] = float(limit.get("effort")), float(limit.get("velocity"))
+        except (TypeError, ValueError):
+            continue
+    return found
+
+
+def _cubic_damping(effort: float, speed: float, armature: float) -> float:
+    """The coefficient of the cube of the speed with which `effort` drives a joint at `speed`.
+
+    It is bounded such that no joint is braked with more than MuJoCo takes for a number, after it was driven by its
+    whole effort for a time step.
+    """
+    if not (0 < effort < math.inf and 0 < speed < math.inf):
+        return 0.0
+    wanted = max(0.0, effort - URDF_DAMPING * speed) / max(speed * speed * speed, _TINY)
+    first_speed = effort / armature * URDF_TIMESTEP_S
+    return min(wanted, _MOST_BRAKING * armature / max(first_speed * first_speed * first_speed, _TINY))
 
 
 def add_base_joints(spec: mujoco.MjSpec, root: Any, base: Base) -> None:

@@ -131,7 +131,7 @@ def _complete(
     notes = []
     base = morphology.base
     if description.format == "urdf":
-        completion.settle_urdf(spec)
+        completion.settle_urdf(spec, description)
     has_floor = not completion.add_floor(spec, solid=base != "fixed")
     if base != "fixed" and (own_base is None or not has_floor):
         model = compile_spec(spec.copy(), description.file)

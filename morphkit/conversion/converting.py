@@ -97,10 +97,10 @@ def convert(description: Description, *, base: Base | None = None, floor: bool |
             f"{description.file}: base {base!r} was asked for, but a joint of {root.name!r} makes it {own_base}"
         )
     base = own_base or base or morphology.base
-    completion.settle_urdf(spec)
+    completion.settle_urdf(spec, description)
     notes.append(
-        f"joints got armature {completion.URDF_ARMATURE:g}, those without damping {completion.URDF_DAMPING:g};"
-        " links do not collide with each other"
+        f"joints got armature {completion.URDF_ARMATURE:g}, those without damping {completion.URDF_DAMPING:g} and as"
+        " much as holds them at their velocity limits; links do not collide with each other"
     )
     notes += settle_masses(spec, moving=() if base == "fixed" else (root.name,))
     notes += _settle_meshes(spec, description.file)

@@ -63,9 +63,19 @@ def _joint(joint: Any, name: str) -> Iterator[Missing]:
             continue
         if part.tag in _JOINT_PARTS:
             yield Missing(part.tag.replace("_", " "), name, part.sourceline, _JOINT_PARTS[part.tag])
-        elif part.tag == "limit" and joint.get("type") != "fixed" and part.get("velocity") not in (None, "0", "0.0"):
+        elif part.tag == "limit" and joint.get("type") != "fixed" and _number(part, "velocity") != 0:
+            if _number(part, "effort") > 0 and not any(_number(each, "damping") for each in joint.iterfind("dynamics")):
+                continue  # its damping holds it at that speed
             reason = f"MuJoCo bounds forces, not speeds ({part.get('velocity')})"
             yield Missing("velocity limit", name, part.sourceline, reason)
+
+
+def _number(element: Any, attribute: str) -> float:
+    """A number in an attribute; 0 where there is none."""
+    try:
+        return float(element.get(attribute, "0"))
+    except ValueError:
+        return 0.0
 
 
 def _transmission(transmission: Any, name: str) -> Iterator[Missing]:

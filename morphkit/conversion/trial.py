@@ -40,12 +40,12 @@ def settle_timestep(spec: mujoco.MjSpec, model: mujoco.MjModel, file: str) -> It
         if all(holds(model, hold) for hold in _HOLDS_S):
             break
     else:
-        model.opt.timestep = URDF_TIMESTEP_S
+        timestep = model.opt.timestep = URDF_TIMESTEP_S
         if not holds(model, None, duration=_STEPS * URDF_TIMESTEP_S):
             raise DescriptionError(f"{file}: the converted model diverges in its first steps; see 'morphkit check'")
         yield (
             "with all motors at full effort to and fro the robot diverges, at a time step of"
-            f" {1000 * timestep:g} ms too: its effort limits are far too large for its masses"
+            f" {1000 * _TIMESTEPS_S[-1]:g} ms too: its effort limits are far too large for its masses"
         )
     if timestep != URDF_TIMESTEP_S:
         timestep = max(timestep / 2, _TIMESTEPS_S[-1])  # what just holds may not hold under other controls

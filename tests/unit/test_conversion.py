@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -12,6 +13,7 @@ import trimesh
 import yourdfpy
 
 import morphkit
+from morphkit.completion import settle_urdf
 from morphkit.conversion import Conversion, convert, write_conversion
 from morphkit.conversion.inertias import possible_moments
 from morphkit.conversion.trial import holds
@@ -159,7 +161,10 @@ def test_joints_keep_limits_damping_and_friction(converted: tuple[Conversion, Pa
     assert model.dof_frictionloss[dof] == 0.2
     assert not model.joint("spin").limited
     assert model.dof_damping[model.joint("spin").dofadr[0]] == 0.1
-    assert not model.dof_dampingpoly.any()  # nothing that grows with the square of the speed
+    shares = {
+        name: model.dof_dampingpoly[model.joint(name).dofadr[0]].tolist() for name in ("shoulder", "spin", "rail")
+    }
+    assert shares == {"shoulder": [0, 0], "spin": [0, 0], "rail": [0, pytest.approx(79.9)]}  # damped; no limit; 80 N
     assert [model.actuator(index).name for index in range(model.nu)] == ["shoulder", "rail", "turn"]
     assert model.actuator("rail").ctrlrange.tolist() == [-80, 80]
 
@@ -200,10 +205,7 @@ def test_changes_and_losses_are_listed(converted: tuple[Conversion, Path]) -> No
     assert "joint 'spin' got no motor" in notes
     assert [(each.kind, each.name) for each in conversion.missing] == [
         ("velocity limit", "shoulder"),
-        ("velocity limit", "rail"),
         ("safety controller", "rail"),
-        ("velocity limit", "turn"),
-        ("velocity limit", "grip"),
         ("gazebo", "base"),
     ]
     assert conversion.missing[0].line == EVERYTHING[: EVERYTHING.index('velocity="3"')].count("\n") + 1
@@ -424,4 +426,30 @@ def test_the_time_step_suits_the_efforts(
 def test_efforts_that_no_time_step_resolves_are_named() -> None:
     conversion = convert(finger("1e9"))
     assert any("far too large for its masses" in note for note in conversion.notes)
-    assert conversion.spec.option.timestep == 0.00025
+    assert conversion.spec.option.timestep == 0.004
+
+
+@pytest.mark.parametrize(("effort", "velocity"), [(87.0, 2.2), (24.0, 30.0), (5.0, 100.0), (300.0, 10.0)])
+def test_full_effort_leads_to_the_velocity_limit(effort: float, velocity: float) -> None:
+    inertia = '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
+    link = f'<link name="{{}}"><inertial><mass value="1"/>{inertia}</inertial></link>'
+    limit = f'<limit lower="-1e4" upper="1e4" effort="{effort}" velocity="{velocity}"/>'
+    joint = f'<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>{limit}</joint>'
+    text = f'<robot name="r">{link.format("a")}{link.format("b")}{joint}</robot>'
+    model = convert(Description("r", "r.urdf", "urdf", text.encode())).spec.compile()
+    data = mujoco.MjData(model)
+    data.ctrl[0] = effort
+    mujoco.mj_step(model, data, nstep=2000)
+    reached = min(velocity, effort / 0.1)  # the linear part alone holds a weak motor back
+    assert data.qvel[0] == pytest.approx(reached, rel=0.02)
+
+
+@pytest.mark.parametrize(("effort", "velocity"), [("1e300", "1e-300"), ("inf", "1"), ("1", "inf"), ("nan", "1")])
+def test_odd_limits_give_finite_damping(effort: str, velocity: str) -> None:
+    robot = finger(effort)
+    source = robot.source.replace(b'velocity="1000"', f'velocity="{velocity}"'.encode())
+    body = "<body><joint name='j0'/><geom size='1'/></body>"
+    spec = mujoco.MjSpec.from_string(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    settle_urdf(spec, replace(robot, source=source))
+    assert np.isfinite(spec.joint("j0").damping).all()
+    spec.compile()
