@@ -137,7 +137,7 @@ class _Differ:
     """Compares tables of facts, given which limbs and joints are the same."""
 
     def __init__(self, limbs: Mapping[str, str], joints: Mapping[str, str], tolerance: float) -> None:
-        self.names = {"parent": limbs, "limb": limbs, "joint": joints}
+        self.names = {"parent": limbs, "limb": limbs, "joint": joints, "follows": joints}
         self.tolerance = tolerance
 
     def table(self, subject: Subject, first: Table, second: Table, pairs: Mapping[str, str]) -> Iterator[Change]:
@@ -173,7 +173,7 @@ class _Differ:
 
     def _same(self, fact: str, before: Value, after: Value) -> bool:
         if fact in self.names and isinstance(before, str):
-            return self.names[fact].get(before) == after
+            return before in self.names[fact] and self.names[fact][before] == after
         if isinstance(before, tuple) and isinstance(after, tuple):
             return len(before) == len(after) and all(
                 self._equal(one, other) for one, other in zip(before, after, strict=True)

@@ -11,8 +11,9 @@ import mujoco
 import numpy as np
 
 from morphkit.description import Description
+from morphkit.io import xml
 from morphkit.masses import limb_masses
-from morphkit.mechanics import JOINT_KINDS, Mechanics, load_mechanics
+from morphkit.mechanics import JOINT_KINDS, Mechanics, couplings, load_mechanics
 from morphkit.morphology import Actuator, Morphology
 from morphkit.tokens import TokenSpec, tokens
 
@@ -30,6 +31,14 @@ _UNITS = {
 }
 
 
+_TARGETS = {
+    int(mujoco.mjtTrn.mjTRN_TENDON): "tendon",
+    int(mujoco.mjtTrn.mjTRN_SITE): "site",
+    int(mujoco.mjtTrn.mjTRN_BODY): "body",
+    int(mujoco.mjtTrn.mjTRN_SLIDERCRANK): "site",
+}
+
+
 @dataclass(frozen=True)
 class Facts:
     """A robot in tables; a fact that its format has no words for is absent.
@@ -40,7 +49,7 @@ class Facts:
         limbs: Parent, place in the parent's frame, masses of every limb.
         joints: Kind, range, axis and passive forces of every moving joint, those of the base included.
         actuators: What every actuator drives and within which bounds.
-        sensor_tokens: Every sensor token, in order.
+        sensor_tokens: Every sensor token in order, those of the declared sensors last.
         actuator_tokens: Every actuator token, in order.
         mass: Mass of the robot, kg; None where that of a limb is not known.
         notes: One sentence for each thing in the files that could not be used.
@@ -75,7 +84,7 @@ def gather(description: Description) -> Facts:
     robot: dict[str, Value] = {"base": morphology.base, "family": morphology.family, "task": morphology.task}
     if description.format == "mjcf":
         robot["start height"] = float(mechanics.model.body_pos[mechanics.root, 2])
-    spec = tokens(morphology)
+    spec = tokens(morphology, sensors="all")
     return Facts(
         morphology=morphology,
         robot={"": robot},
@@ -93,6 +102,8 @@ def unit_of(fact: str, facts: Mapping[str, Value]) -> str:
     """The unit of a fact, empty where it has none."""
     if fact in ("range", "bounds"):
         return str(facts.get("unit") or ("m" if facts.get("kind") == "slide" else "rad"))
+    if fact == "velocity limit":
+        return "m/s" if facts.get("kind") == "slide" else "rad/s"
     return _UNITS.get(fact, "")
 
 
@@ -115,6 +126,8 @@ def _limbs(mechanics: Mechanics) -> Table:
 def _joints(mechanics: Mechanics) -> Table:
     model = mechanics.model
     table: Table = {}
+    leaders = {follower: (leader, factors) for follower, leader, factors in couplings(model)}
+    speeds = _velocity_limits(mechanics.description) if mechanics.description.format == "urdf" else {}
     for joint in mechanics.joints:
         kind, dof = JOINT_KINDS[int(model.jnt_type[joint])], model.jnt_dofadr[joint]
         limited = bool(model.jnt_limited[joint]) and kind != "free"
@@ -130,8 +143,24 @@ def _joints(mechanics: Mechanics) -> Table:
             facts["friction loss"] = float(model.dof_frictionloss[dof])
         if mechanics.description.format == "mjcf" and kind != "free":
             facts |= {"armature": float(model.dof_armature[dof]), "stiffness": float(model.jnt_stiffness[joint])}
-        table[model.joint(joint).name] = facts
+        name = model.joint(joint).name
+        leader, factors = leaders.get(joint, (None, ()))
+        facts["follows"] = None if leader is None else model.joint(leader).name
+        facts["coupling"] = None if leader is None else _numbers(np.trim_zeros(factors, "b"))
+        if name in speeds:
+            facts["velocity limit"] = speeds[name]
+        table[name] = facts
     return table
+
+
+def _velocity_limits(description: Description) -> dict[str, float | None]:
+    """What a URDF bounds the speeds of its joints by, rad/s or m/s; MuJoCo knows no such bound."""
+    joints = xml.parse(description.source, file=description.file).getroot().iterchildren("joint")
+    limits = {joint.get("name") or "": joint.find("limit") for joint in joints}
+    return {
+        name: None if limit is None or limit.get("velocity") is None else float(limit.get("velocity") or "")
+        for name, limit in limits.items()
+    }
 
 
 def _actuator(mechanics: Mechanics, actuator: Actuator) -> dict[str, Value]:
@@ -153,7 +182,13 @@ def _drive(model: mujoco.MjModel, name: str) -> dict[str, Value]:
     except KeyError:
         return {}
     forces = model.actuator_forcerange[number] if model.actuator_forcelimited[number] else None
+    kind = _TARGETS.get(int(model.actuator_trntype[number]))
+    target = None if kind is None else getattr(model, kind)(model.actuator_trnid[number, 0]).name
+    dynamics = mujoco.mjtDyn(int(model.actuator_dyntype[number]))
     return {
+        "drives": None if kind is None else f"{kind} {target}",
+        "dynamics": None if dynamics == mujoco.mjtDyn.mjDYN_NONE else dynamics.name.removeprefix("mjDYN_").lower(),
+        "time constants": _numbers(np.trim_zeros(model.actuator_dynprm[number], "b")),
         "gear": _numbers(np.trim_zeros(model.actuator_gear[number], "b")),
         "gain": _numbers(np.trim_zeros(model.actuator_gainprm[number], "b")),
         "bias": _numbers(np.trim_zeros(model.actuator_biasprm[number], "b")),

@@ -123,6 +123,17 @@ def base_joints(mechanics: Mechanics) -> tuple[Joint, ...]:
     return tuple(found)
 
 
+def couplings(model: mujoco.MjModel) -> list[tuple[int, int, np.ndarray]]:
+    """Joints that follow another (a mimic joint): ids of follower and leader, coefficients (5,) of their polynomial."""
+    found = []
+    for number in range(model.neq):
+        follower, leader = int(model.eq_obj1id[number]), int(model.eq_obj2id[number])
+        joint = model.eq_type[number] == mujoco.mjtEq.mjEQ_JOINT
+        if joint and model.eq_active0[number] and leader >= 0 and follower >= 0:
+            found.append((follower, leader, np.array(model.eq_data[number, :5])))
+    return found
+
+
 def _weighs_by_shape(spec: mujoco.MjSpec, body: Any) -> bool:
     """Whether the body's mass follows from its shapes."""
     by_shape = spec.compiler.inertiafromgeom

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from morphkit.mechanics import Mechanics
+from morphkit.mechanics import Mechanics, couplings
 
 _BALL_DEGREES = 60.0
 _SLIDE_M = 0.25  # How far a slide without limits is moved each way.
@@ -44,7 +44,7 @@ def dials(mechanics: Mechanics) -> tuple[Dial, ...]:
     """Everything that can be moved by itself: not a free or planar base, no joint that follows another."""
     model = mechanics.model
     free = mechanics.base_joints if mechanics.morphology.base != "fixed" else 0
-    followers = {follower for follower, _, _ in _couplings(model)}
+    followers = {follower for follower, _, _ in couplings(model)}
     found: list[Dial] = []
     for joint in mechanics.joints[free:]:
         if joint not in followers:
@@ -77,7 +77,7 @@ def pose(mechanics: Mechanics, values: Mapping[str, float]) -> np.ndarray:
         turn = np.array([1.0, 0, 0, 0])
         mujoco.mju_quatIntegrate(turn, rotation, 1.0)
         mujoco.mju_mulQuat(qpos[address : address + 4], mechanics.start[address : address + 4], turn)
-    for follower, leader, coefficients in _couplings(model):
+    for follower, leader, coefficients in couplings(model):
         there, here = model.jnt_qposadr[leader], model.jnt_qposadr[follower]
         away = qpos[there] - model.qpos0[there]
         qpos[here] = model.qpos0[here] + np.polynomial.polynomial.polyval(away, coefficients)
@@ -115,14 +115,3 @@ def _dials_of(mechanics: Mechanics, joint: int) -> list[Dial]:
         most = math.degrees(high) if limited else _BALL_DEGREES
         return [Dial(f"{name} {axis}", limb, "°", -most, most, 0.0, joint, i) for i, axis in enumerate("xyz")]
     return []
-
-
-def _couplings(model: mujoco.MjModel) -> list[tuple[int, int, np.ndarray]]:
-    """Joints that follow another (a mimic joint): follower, leader, coefficients of the polynomial between them."""
-    couplings = []
-    for number in range(model.neq):
-        follower, leader = int(model.eq_obj1id[number]), int(model.eq_obj2id[number])
-        joint = model.eq_type[number] == mujoco.mjtEq.mjEQ_JOINT
-        if joint and model.eq_active0[number] and leader >= 0 and follower >= 0:
-            couplings.append((follower, leader, np.array(model.eq_data[number, :5])))
-    return couplings

@@ -245,3 +245,65 @@ def test_a_terminal_gets_colours_unless_it_wants_none(no_color: bool, monkeypatc
     os.close(ours)
     assert "- bshin" in text
     assert ("\x1b[1;31m- bshin" in text) is not no_color
+
+
+FINGERS = b"""<robot name="hand">
+  <link name="palm"/><link name="one"/><link name="two"/>
+  <joint name="j1" type="revolute"><parent link="palm"/><child link="one"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" effort="3" velocity="2"/></joint>
+  <joint name="j2" type="revolute"><parent link="palm"/><child link="two"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" effort="3" velocity="2"/><mimic joint="j1" multiplier="-1"/></joint>
+  <gazebo reference="palm"><sensor type="imu" name="imu"/></gazebo>
+</robot>"""
+
+
+def fingers(*changes: tuple[bytes, bytes]) -> Description:
+    return description(FINGERS, "urdf", changes)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ((b' multiplier="-1"', b""), ("j2", "coupling", (0.0, -1.0), (0.0, 1.0), "")),
+        ((b'<mimic joint="j1" multiplier="-1"/>', b""), ("j2", "follows", "j1", None, "")),
+        ((b'velocity="2"/></joint>', b'velocity="3"/></joint>'), ("j1", "velocity limit", 2.0, 3.0, "rad/s")),
+    ],
+)
+def test_mimics_and_velocity_limits_of_joints(change, told) -> None:
+    changes = [each for each in compare(fingers(), fingers(change)).changes if each.subject == "joint"]
+    assert told in [(each.name, each.fact, each.before, each.after, each.unit) for each in changes]
+
+
+def test_a_variant_whose_joint_has_lost_its_leader() -> None:
+    changes = compare(fingers(), ablate(fingers(), remove=["one"]).description).changes
+    assert ("j2", "follows", "j1", None) in [(each.name, each.fact, each.before, each.after) for each in changes]
+
+
+def test_declared_sensors_are_tokens_that_can_go() -> None:
+    sensor = b'<gazebo reference="palm"><sensor type="imu" name="imu"/></gazebo>'
+    changes = compare(fingers(), fingers((sensor, b""))).changes
+    assert {(each.subject, each.kind) for each in changes} == {("sensor token", "removed")}
+    assert len(changes) == 10
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "fact"),
+    [
+        ('tendon="a"', 'tendon="b"', "drives"),
+        ('tendon="a" dyntype="filter"', 'tendon="a" dyntype="integrator"', "dynamics"),
+        ('tendon="a" dyntype="filter" dynprm=".1"', 'tendon="a" dyntype="filter" dynprm=".2"', "time constants"),
+    ],
+)
+def test_what_an_actuator_drives_and_how_it_answers(before: str, after: str, fact: str) -> None:
+    tendons = "".join(f'<fixed name="{name}"><joint joint="hip" coef="1"/></fixed>' for name in "ab")
+    motor = b'<motor name="hip" joint="hip" ctrllimited="true" ctrlrange="-10 10"/>'
+    first, second = (
+        mjcf(
+            (b"<actuator>", f"<tendon>{tendons}</tendon><actuator>".encode()),
+            (motor, f'<general name="pull" {how}/>'.encode()),
+        )
+        for how in (before, after)
+    )
+    told = {each.fact for each in compare(first, second).changes if each.subject == "actuator"}
+    assert fact in told
+    assert compare(first, first).equal
