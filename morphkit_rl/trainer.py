@@ -188,12 +188,15 @@ class Trainer:
         self.clock.elapsed_s = elapsed_s
 
     def _check(self) -> None:
-        for name, value in self._losses.items():
-            if not math.isfinite(value):
-                raise TrainingError(
-                    f"training diverged: {name} is {float(value)} after {self.session.collector.steps} steps; try a "
-                    "smaller td3.learning_rate. The last checkpoint is from before"
-                )
+        spoiled = [f"{name} is {float(value)}" for name, value in self._losses.items() if not math.isfinite(value)]
+        for name, network in self.session.agent.learner.networks().items():
+            if not all(bool(weights.isfinite().all()) for weights in network.parameters()):
+                spoiled.append(f"weights of {name} are not finite")
+        if spoiled:
+            raise TrainingError(
+                f"training diverged: {spoiled[0]} after {self.session.collector.steps} steps; try a smaller "
+                "td3.learning_rate. The last checkpoint is from before"
+            )
 
     def _fraction(self) -> float:
         """Share of the budget that is used, 1 where it is used up."""

@@ -130,6 +130,13 @@ def test_no_checkpoint_is_written_once_a_loss_is_not_finite(tmp_path: Path) -> N
     assert not checkpoint.has_checkpoint(tmp_path / "wild")
 
 
+def test_no_checkpoint_is_written_once_a_weight_is_not_finite(tmp_path: Path) -> None:
+    """The loss of the update that spoils the weights is still finite."""
+    with pytest.raises(TrainingError, match="weights of critic are not finite after 10 steps"):
+        train([load("hopper_3")], tmp_path / "wild", config("td3.learning_rate=1e39"), steps=10)
+    assert not checkpoint.has_checkpoint(tmp_path / "wild")
+
+
 def test_ctrl_c_in_the_middle_of_a_piece_stops_behind_it_and_the_run_goes_on_exactly(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
