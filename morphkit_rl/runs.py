@@ -237,10 +237,15 @@ def _robot_from_json(run: Path, entry: Mapping[str, Any]) -> Description:
     return robot
 
 
-def _git_commit() -> str | None:
-    """Commit of the source tree that morphkit_rl is imported from; None where there is none."""
-    command = ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"]
+def _git_commit(file: Path = Path(__file__)) -> str | None:
+    """Commit of the source tree that `file` is part of; None where there is none.
+
+    A package that was installed into somebody's checkout is no part of it: git must know the file.
+    """
+    git = ["git", "-C", str(file.parent)]
     try:
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
+        for command in (["ls-files", "--error-unmatch", file.name], ["rev-parse", "HEAD"]):
+            done = subprocess.run([*git, *command], capture_output=True, text=True, check=True, timeout=10)
+        return done.stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return None

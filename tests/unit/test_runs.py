@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from morphkit_rl import checkpoint, runs
 from morphkit_rl.collection import Collector
 from morphkit_rl.config import TrainConfig, load_config
 from morphkit_rl.evaluation import evaluate
+from morphkit_rl.files import write_text
 from morphkit_rl.metrics import read_metrics
 from morphkit_rl.session import Session
 from morphkit_rl.trainer import resume, train
@@ -47,6 +49,35 @@ def test_robots_keep_what_their_files_refer_to(tmp_path: Path) -> None:
     robot = replace(load("hopper_3"), packages={"meshes": tmp_path / "some" / "folder"})
     train([robot], tmp_path / "run", config(), steps=4)
     assert runs.load(tmp_path / "run").robots == (robot,)
+
+
+def test_the_commit_of_a_checkout_that_something_was_installed_into_is_not_recorded(tmp_path: Path) -> None:
+    def git(*arguments: str) -> str:
+        name = ("-c", "user.name=a", "-c", "user.email=a@b")
+        return subprocess.run(
+            ["git", *name, *arguments], cwd=tmp_path, check=True, capture_output=True, text=True
+        ).stdout
+
+    for file in ("own.py", "installed.py"):
+        (tmp_path / file).touch()
+    git("init")
+    git("add", "own.py")
+    git("commit", "-m", "a")
+    assert runs._git_commit(tmp_path / "own.py") == git("rev-parse", "HEAD").strip()
+    assert runs._git_commit(tmp_path / "installed.py") is None
+
+
+def test_a_file_that_cannot_be_written_whole_leaves_the_old_one_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    write_text(tmp_path / "file", "old")
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        write_text(tmp_path / "file", "new")
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("file", "old")]
 
 
 def test_a_run_folder_takes_one_process_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
