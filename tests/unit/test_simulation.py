@@ -141,6 +141,14 @@ def test_a_base_that_contradicts_the_file_is_refused() -> None:
         build(load("cheetah"), base="free")
 
 
+def test_a_base_that_slides_over_the_floor_is_refused() -> None:
+    joints = "".join(f'<joint name="{n}" type="{t}" axis="{a}"/>' for n, t, a in (
+        ("east", "slide", "1 0 0"), ("north", "slide", "0 1 0"), ("yaw", "hinge", "0 0 1")
+    ))  # fmt: skip
+    with pytest.raises(DescriptionError, match="the root has east, north, yaw, along or about other axes"):
+        build(mjcf(f'<body name="cart" pos="0 0 1">{joints}<geom size=".1"/></body>'))
+
+
 def test_fixed_base_gets_a_floor_that_nothing_touches() -> None:
     simulation = build(urdf(), base="fixed")
     assert simulation.model.geom(FLOOR_NAME).contype[0] == 0
