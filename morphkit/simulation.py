@@ -208,8 +208,8 @@ def _base_joints(model: mujoco.MjModel, root: int, base: Base, file: str) -> tup
         if len(matching) != 1:
             raise DescriptionError(
                 f"{file}: a planar base needs one slide along world x, one along world z and one hinge about world y; "
-                f"the root has {', '.join(model.joint(j).name for j in joints)}, along or about other axes. Let it float "
-                "or be fixed instead"
+                f"the root has {', '.join(model.joint(j).name for j in joints)}, along or about other axes. Let "
+                "it float or be fixed instead"
             )
         found += matching
     return tuple(found)
