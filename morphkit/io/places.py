@@ -34,6 +34,7 @@ class Places:
         self._files: dict[int, str] = {}
         self._kept: list[etree._Element] = []  # keeps the proxies alive, so that id() identifies an element
         self._rows: dict[tuple[str, int], list[tuple[str | None, str]]] = {}
+        self._named: dict[tuple[str, str], set[str]] = {}
         self._lines: dict[tuple[str, int], str] = {}
 
     def own(self, root: etree._Element, path: Path) -> None:
@@ -53,6 +54,7 @@ class Places:
                 self._lines.setdefault((str(element.tag), line), where)
             if (kind := _kind(element)) is not None:
                 self._rows.setdefault((kind, line), []).append((element.get("name"), where))
+                self._named.setdefault((kind, element.get("name") or ""), set()).add(where)
 
     def find(self, element: Any, kind: str) -> Place:
         """The place of an `MjSpec` element of a kind: `body`, `joint`, `actuator` or `sensor`."""
@@ -72,11 +74,10 @@ class Places:
 
     def _attached(self, kind: str, name: str | None) -> Place:
         """The place of the element that an attached one called `name` is of: that with the longest name in it."""
-        rows = [row for (each, _), found in self._rows.items() if each == kind for row in found]
-        named = [(own, where) for own, where in rows if own and name and name.endswith(own)]
-        longest = max((len(own) for own, _ in named), default=0)
-        best = {row for row in named if len(row[0]) == longest}
-        return best.pop() if len(best) == 1 else (None, None)
+        ends = [name[start:] for start in range(len(name))] if name else []
+        own = next((end for end in ends if (kind, end) in self._named), None)
+        places = self._named.get((kind, own or ""), set())
+        return (own, next(iter(places))) if len(places) == 1 else (None, None)
 
     def of_message(self, message: str) -> str:
         """`file:line` of what a message of MuJoCo's is about; the file where it does not say which line."""
