@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from run_folders import assert_same
 from test_methods import SIZE, SMALL, batch_of, embed, layout_of, networks, rows
 
 from morphkit.errors import ConfigError
@@ -135,15 +136,23 @@ def test_only_a_true_encoder_can_learn() -> None:
         "text.control=shuffled",
         "text.control=one-hot",
         "text.tune=residual",
+        "text.tune=encoder",
         "td3.reset_updates=3",
     ],
 )
 @pytest.mark.parametrize("method", ["limb-former", "ma-bert"])
-def test_options_train_resume_and_load(tmp_path: Path, method: str, setting: str) -> None:
+def test_options_train_resume_and_load(
+    tmp_path: Path, tiny_bert: Path, monkeypatch: pytest.MonkeyPatch, method: str, setting: str
+) -> None:
+    monkeypatch.setenv("MORPHKIT_CACHE", str(tmp_path / "cache"))
     tiny = ["d_model=8", "layers=1", "feedforward=8", "code_size=4", f"method={method}"]
     run = ["trainer.num_envs=2", "trainer.start_steps=4", "td3.batch_size=4", "text.naming=canonical", setting]
+    encoder = str(tiny_bert) if setting == "text.tune=encoder" else "minilm"
+    run += [f"text.encoder={encoder}", "trainer.precision=float32"]
     config = load_config(overrides=[*(f"model.{each}" for each in tiny), *run])
+    train([load("hopper_3")], tmp_path / "whole", config, steps=12)
     assert train([load("hopper_3")], tmp_path / "run", config, steps=8).updates > 3
     assert resume(tmp_path / "run", steps=12).steps == 12
+    assert_same(tmp_path / "whole", tmp_path / "run")
     (result,) = evaluate(tmp_path / "run", [load("hopper_4")], episodes=1)
     assert np.isfinite(result.returns).all()
