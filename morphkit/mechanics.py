@@ -66,7 +66,8 @@ def load_mechanics(description: Description, *, shapes: bool = True) -> Mechanic
             masses follow from, which spares reading most meshes.
 
     Raises:
-        DescriptionError: MuJoCo cannot read or compile the file, for a reason other than meshes and inertias.
+        DescriptionError: MuJoCo cannot read or compile the file, for a reason other than meshes and inertias, or a mass
+            or a place is infinite.
         AssetError: An included file is missing.
     """
     morphology = read(description)
@@ -91,6 +92,7 @@ def load_mechanics(description: Description, *, shapes: bool = True) -> Mechanic
             _drop_shapes_without_mass(spec)
         weightless = {body.name for body in spec.bodies if body.name in incomplete and _weighs_by_shape(spec, body)}
         model = _compile(spec, description.file, incomplete=weightless, notes=notes)
+        _refuse_infinite(model, description.file)
     root_id = model.body(morphology.root.name).id
     start = _start_pose(model)
     if shapes:
@@ -175,6 +177,20 @@ def _compile(spec: mujoco.MjSpec, file: str, *, incomplete: set[str], notes: lis
             if not _leave_out(spec, str(error), incomplete, notes):
                 break
     return compile_spec(spec, file)
+
+
+def _refuse_infinite(model: mujoco.MjModel, file: str) -> None:
+    facts = {
+        "mass": model.body_mass,
+        "inertia": model.body_inertia,
+        "position": model.body_pos,
+        "centre": model.body_ipos,
+    }
+    for fact, values in facts.items():
+        bad = np.flatnonzero(~np.isfinite(values.reshape(model.nbody, -1)).all(axis=1))
+        if len(bad):
+            name = model.body(int(bad[0])).name
+            raise DescriptionError(f"{file}: the {fact} of {name!r} is no finite number; 'morphkit check' says where")
 
 
 def _leave_out(spec: mujoco.MjSpec, complaint: str, incomplete: set[str], notes: list[str]) -> bool:

@@ -14,6 +14,7 @@ from morphkit.ablation import ablate
 from morphkit.comparison import Change, Comparison, compare
 from morphkit.comparison_tree import render
 from morphkit.description import Description
+from morphkit.errors import DescriptionError
 from morphkit.pairing import moved, pair_rest
 from morphkit.robots import load
 from morphkit_cli.main import run
@@ -307,3 +308,15 @@ def test_what_an_actuator_drives_and_how_it_answers(before: str, after: str, fac
     told = {each.fact for each in compare(first, second).changes if each.subject == "actuator"}
     assert fact in told
     assert compare(first, first).equal
+
+
+@pytest.mark.parametrize(
+    ("robot", "words"),
+    [
+        (urdf((b'<mass value="2"/>', b'<mass value="inf"/>')), "the mass of 'trunk' is no finite number"),
+        (mjcf((b'pos="0 0 -.2"', b'pos="0 0 inf"')), "the position of 'leg' is no finite number"),
+    ],
+)
+def test_infinite_robots_are_refused(robot: Description, words: str) -> None:
+    with pytest.raises(DescriptionError, match=words):
+        compare(robot, robot)
