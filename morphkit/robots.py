@@ -221,7 +221,7 @@ def _describe(path: Path, name: str, info: RobotInfo, root: str | None) -> Descr
         raise DescriptionError(f"{path}: is no regular file")
     source = xml.read_limited(path)
     form = xml.root_format(xml.parse(source, file=str(path)), file=str(path))
-    return Description(name, path.name, form, source, path.parent, info, root)
+    return Description(_printable(name), _printable(path.name), form, source, path.parent, info, root)
 
 
 def _expand(path: Path, root: str | None, packages: Mapping[str, Path], xacro_args: Mapping[str, str]) -> Description:
@@ -231,7 +231,13 @@ def _expand(path: Path, root: str | None, packages: Mapping[str, Path], xacro_ar
     source = xacro.expand(path, packages, xacro_args)
     file = path.name.removesuffix(".xacro").removesuffix(".urdf") + ".urdf"
     form = xml.root_format(xml.parse(source, file=f"{path} (expanded)"), file=f"{path} (expanded)")
-    return Description(Path(file).stem, file, form, source, path.parent, root=root, packages=packages)
+    name, file = _printable(Path(file).stem), _printable(file)
+    return Description(name, file, form, source, path.parent, root=root, packages=packages)
+
+
+def _printable(name: str) -> str:
+    """A file's name without what is no UTF-8, which could be neither printed nor written."""
+    return name.encode(errors="surrogateescape").decode(errors="replace")
 
 
 def _unknown(path: Path, tomls: Mapping[str, RobotToml]) -> UnknownNameError:

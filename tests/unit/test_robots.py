@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -202,6 +203,15 @@ def test_a_robot_toml_that_makes_no_sense_is_refused(folder: Path, old: str, new
     with pytest.raises(DescriptionError, match=r"robot\.toml") as error:
         robots.load(folder)
     assert message.replace("\\", "") in str(error.value)
+
+
+@pytest.mark.skipif(sys.platform == "darwin", reason="its file systems take UTF-8 names only")
+def test_a_file_name_in_another_encoding_becomes_a_name_that_can_be_printed(tmp_path: Path) -> None:
+    path = Path(os.fsdecode(os.fsencode(tmp_path / "gr") + "ö".encode("latin-1") + b"\xdfe.xml"))
+    path.write_bytes(MJCF)
+    robot = robots.load(path)
+    assert (robot.name, robot.file) == ("gr\ufffd\ufffde", "gr\ufffd\ufffde.xml")
+    assert robots.load_all(path)[0].name.encode()
 
 
 def test_finding_robots_loads_no_heavy_package() -> None:
