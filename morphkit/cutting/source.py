@@ -7,13 +7,13 @@ from typing import Any
 from xml.parsers import expat
 from xml.sax.saxutils import escape
 
+from morphkit.cutting.words import without_words
 from morphkit.io.xml import parse, serialize
 
 _ATTRIBUTE = re.compile(r"""(\s+)([^\s=<>"'/]+)(\s*=\s*)("[^"]*"|'[^']*')""")
 Span = tuple[int, int, int, int]
 """Byte offsets of an element: start tag from, to; end tag from, to."""
 _START_TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*+"|'[^']*+')*+>""")
-_WORD = re.compile(r"(\s*)(\S+)")
 _ASCII_BASED = {"utf-8", "us-ascii", "ascii", "iso-8859-1", "latin-1"}
 
 
@@ -125,30 +125,11 @@ def _edit_attributes(start: str, before: dict[str, str], wanted: dict[str, str])
         value = left.pop(name)
         if value == before.get(name):
             return match.group()
-        return f"{space}{name}{equals}{_without_words(quoted, value) or _quote(value)}"
+        return f"{space}{name}{equals}{without_words(quoted, value) or _quote(value)}"
 
     edited = _ATTRIBUTE.sub(replace, start)
     end = len(edited.rstrip())
     return edited[:end] + "".join(f" {name}={_quote(value)}" for name, value in left.items()) + edited[end:]
-
-
-def _without_words(quoted: str, value: str) -> str:
-    """The attribute `quoted` over its lines as it is, without the words that `value` lacks; empty where it has others.
-
-    Parsers hand out line breaks in attributes as spaces.
-    """
-    written = quoted[1:-1]
-    wanted = value.split()
-    if "\n" not in written or not wanted or "&" in written:
-        return ""
-    kept, line_break = "", ""
-    for space, word in _WORD.findall(written):
-        if "\n" in space:
-            line_break = space
-        if wanted and word == wanted[0]:
-            kept += (line_break or space) + wanted.pop(0)
-            line_break = ""
-    return "" if wanted else quoted[0] + kept + written[len(written.rstrip()) :] + quoted[-1]
 
 
 def _spans(source: bytes) -> list[Span]:

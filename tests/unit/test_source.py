@@ -39,6 +39,22 @@ def test_an_attribute_over_several_lines_keeps_them_where_words_go(value, before
     assert with_qpos(value) == KEY.replace(before, after, 1)
 
 
+@pytest.mark.parametrize(
+    ("words", "left", "cut"),
+    [
+        ("0 0 1 2 0\n0 0 3\n", "0 0 0 0 3", "0 0\n0 0 3\n"),
+        ("1 2\n0 0\n0 0\n", "1 2 0 0", "1 2\n0 0\n"),
+        ("0 1 0\n2 0 3\n", "0 0 2 3", "0 0\n2 3\n"),
+        ("0 0\n0 0\n", "0 0 0", "0 0\n0\n"),
+    ],
+)
+def test_of_equal_words_those_go_that_stand_beside_the_others(words, left, cut):
+    source = b'<mujoco><key qpos="%s"/></mujoco>'
+    opened = Source(source % words.encode(), file="key.xml")
+    opened.root[0].set("qpos", left)
+    assert opened.render() == source % cut.encode()
+
+
 def test_an_attribute_with_new_words_is_written_on_one_line():
     assert b'\n    qpos="7 .2"\n' in with_qpos("7 .2")
     assert b'\n    qpos=".4 .1"\n' in with_qpos(".4 .1")
