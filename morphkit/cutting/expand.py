@@ -27,6 +27,7 @@ from morphkit.io.resolve import flatten_includes, locate
 from morphkit.io.xml import parse, read_limited, serialize
 
 _EXPANDERS = ("replicate", "attach", "flexcomp", "composite")
+_MADE = "limbs made by replicate, attach or flexcomp"
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ class MjcfOpener:
         """
         file = self._written.open(self._findings)
         if self._expandable and not _reachable(file, wanted):
-            reason = "limbs made by replicate or attach were cut in MuJoCo's own output; comments and layout are lost"
+            reason = f"{_MADE} were cut in MuJoCo's own output; comments and layout are lost"
             return self._expanded.open((*self._findings, Loss("format", self._description.file, "", reason)))
         return file
 
@@ -153,8 +154,8 @@ def _write_out(description: Description) -> bytes:
         return _inner_paths(str(spec.to_xml()).encode(), description)
     except (ValueError, RuntimeError) as error:
         raise AssetError(
-            f"{description.file}: limbs made by replicate or attach can only be cut in MuJoCo's output, and MuJoCo"
-            f" cannot compile the file: {' '.join(str(error).split())}"
+            f"{description.file}: {_MADE} can only be cut in MuJoCo's output, and MuJoCo cannot compile the file:"
+            f" {' '.join(str(error).split())}"
         ) from None
 
 
