@@ -27,15 +27,12 @@ def foreign_lines(before: bytes, after: bytes) -> int:
     for line in after.splitlines():
         known = places.get(line.strip(), [])
         following = bisect.bisect_right(known, at)
-        if following < len(known):
-            at = known[following]
-            continue
-        longer = (number for number in range(at + 1, len(old)) if _only_lost_words(old[number], line))
-        found = next(longer, None)
-        if found is None:
+        same = known[following] if following < len(known) else len(old)
+        nearest = next((number for number in range(at + 1, same) if _only_lost_words(old[number], line)), same)
+        if nearest == len(old):
             foreign += 1
         else:
-            at = found
+            at = nearest
     return foreign
 
 
