@@ -97,6 +97,8 @@ class TD3Config:
         reset_updates: Updates after which the last layers are drawn anew, again and again (Nikishin et al. 2022); 0 for
             never.
         reward_scale: Factor on rewards before they are learned from.
+        saturation_penalty: Factor, in the actor's loss, on the mean square of atanh(action). Above 0 it keeps a young
+            actor from fleeing to the ends of its range, where tanh passes no gradient back; 0, as published, for none.
     """
 
     batch_size: int = 252
@@ -112,6 +114,7 @@ class TD3Config:
     gradient_clip: float = 10.0
     reset_updates: int = 0
     reward_scale: float = 0.1
+    saturation_penalty: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

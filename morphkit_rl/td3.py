@@ -109,9 +109,12 @@ class TD3:
         first = 0 if self.config.actor_first else self.config.policy_delay - 1
         if (self.updates if number is None else number) % self.config.policy_delay == first:
             self.critic.requires_grad_(False)
-            q = self.critic(obs, self.actor(obs, layout), layout, members=1)[0]
+            actor_action = self.actor(obs, layout)
+            q = self.critic(obs, actor_action, layout, members=1)[0]
             self.critic.requires_grad_(True)
             actor_loss = -(q.mean(0) * share).sum()
+            if self.config.saturation_penalty > 0:
+                actor_loss = actor_loss + self.config.saturation_penalty * saturation(actor_action)
             self._step(actor_loss, self.actor_optimizer, self.actor)
             losses["actor_loss"] = actor_loss.detach()
             for target_net, net in ((self.actor_target, self.actor), (self.critic_target, self.critic)):
@@ -179,6 +182,12 @@ def find_device(name: str) -> torch.device:
         reason = str(error).strip().partition("\n")[0]
         raise ConfigError(f"device {name!r} cannot be used here: {reason}") from None
     return device
+
+
+def saturation(action: Tensor) -> Tensor:
+    """Mean square of what tanh made into `action`, a scalar; float32 cannot tell more than about 7.3 from infinity."""
+    bound = 1 - 1e-6
+    return torch.atanh(action.clamp(-bound, bound)).square().mean()
 
 
 def resolve_precision(precision: str, device: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from copy import deepcopy
 
 import numpy as np
@@ -15,7 +16,7 @@ from morphkit.tokens import tokens
 from morphkit_rl.config import ModelConfig, TD3Config
 from morphkit_rl.models.layout import Layout, build_layout
 from morphkit_rl.replay import Batch
-from morphkit_rl.td3 import TD3, find_device, resolve_precision
+from morphkit_rl.td3 import TD3, find_device, resolve_precision, saturation
 
 MODEL = ModelConfig(d_model=16, layers=1, heads=2, feedforward=16)
 SIZE = 8
@@ -106,3 +107,25 @@ def test_a_device_that_cannot_be_used_is_named(name: str) -> None:
     with pytest.raises(ConfigError, match=f"device '{name}'"):
         TD3(MODEL, TD3Config(), SIZE, device=name)
     assert find_device("cpu").type == "cpu"
+
+
+def test_saturation_penalty_is_added_to_the_actors_loss_and_pulls_it_back(layout: Layout) -> None:
+    action = torch.tensor([[-0.9, 0.5], [0.0, 1.0]], dtype=torch.float64, requires_grad=True)
+    (gradient,) = torch.autograd.grad(saturation(action), action)
+    exact = [math.atanh(a) for a in (-0.9, 0.5, 0.0, 1 - 1e-6)]
+    torch.testing.assert_close(saturation(action).item(), sum(x**2 for x in exact) / 4)
+    assert gradient[0, 0] < 0 < gradient[0, 1]
+
+    losses, sizes = {}, {}
+    for penalty in (0.0, 10.0):
+        torch.manual_seed(0)
+        config = TD3Config(actor_first=True, target_noise=0.0, learning_rate=3e-3, saturation_penalty=penalty)
+        learner, batch = TD3(MODEL, config, SIZE), make_batch(layout)
+        before = learner.act(batch.obs, *unit(layout), layout)
+        losses[penalty] = learner.update(batch, *unit(layout), layout, np.random.default_rng(0))["actor_loss"].item()
+        for _ in range(20):
+            learner.update(batch, *unit(layout), layout, np.random.default_rng(0))
+        sizes[penalty] = np.abs(np.arctanh(learner.act(batch.obs, *unit(layout), layout))).mean()
+        expected = 10.0 * np.square(np.arctanh(before)).mean()
+    assert losses[10.0] - losses[0.0] == pytest.approx(expected, rel=1e-4)
+    assert sizes[10.0] < 0.5 * sizes[0.0]
