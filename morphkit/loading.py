@@ -12,7 +12,7 @@ from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
 from morphkit.io import resolve, xml
 from morphkit.io.attached import attach_models
-from morphkit.io.limits import check_mjcf
+from morphkit.io.limits import check_chain, check_mjcf
 from morphkit.io.mjcf_names import name_elements
 from morphkit.io.urdf_names import name_elements as name_links
 from morphkit.mending import mend
@@ -43,6 +43,7 @@ def load_spec(description: Description, *, incomplete: set[str] | None = None) -
     models: dict[str, bytes] = {}
     mended: tuple[str, ...] = ()
     if description.format == "urdf":
+        check_chain(tree.getroot(), file=description.file)
         name_links(tree.getroot(), file=description.file)
         mended = tuple(mend(tree.getroot()))
         references = _prepare_urdf(tree.getroot())

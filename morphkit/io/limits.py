@@ -17,6 +17,8 @@ BODIES = 20_000
 """Bodies or links, those that `replicate`, `composite` and `flexcomp` make included."""
 ATTRIBUTES = 1000
 """Attributes of a tag; looking at them takes time with the square of their number."""
+CHAIN = 250
+"""Links that hang one on another in what is simulated; MJCF nests them, and XML readers stop at 256 levels."""
 NAME_LENGTH = 1000
 NUMBERS = 2**26
 """Numbers that one attribute may make MuJoCo allocate: pixels, heights, user data."""
@@ -61,6 +63,31 @@ def check_count(root: Any, tag: str, *, file: str) -> None:
     count = _made(root) if tag == "body" else sum(1 for _ in root.iterchildren(tag))
     if count > BODIES:
         raise DescriptionError(f"{file}: makes {count:,} {tag} elements; the limit is {BODIES:,}")
+
+
+def check_chain(root: Any, *, file: str) -> None:
+    """Refuse a URDF for simulation where more than 250 links hang one on another; DescriptionError.
+
+    The time and memory of a simulation step grow with the square of that number.
+    """
+    above = {
+        child.get("link"): parent.get("link")
+        for joint in root.iterchildren("joint")
+        if (child := joint.find("child")) is not None and (parent := joint.find("parent")) is not None
+    }
+    depths: dict[str, int] = {}
+    for link in above:
+        chain = []
+        while link in above and link not in depths and len(chain) <= CHAIN:
+            chain.append(link)
+            link = above[link]
+        top = depths.get(link, 0)
+        if top + len(chain) > CHAIN:
+            raise DescriptionError(
+                f"{file}: a chain of more than {CHAIN} links, one on another, such as down to {chain[0]!r}; MuJoCo"
+                " would take time and memory with the square of its length"
+            )
+        depths |= {name: top + number for number, name in enumerate(reversed(chain), start=1)}
 
 
 def check_mjcf(root: Any, *, file: str) -> None:

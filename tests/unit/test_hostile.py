@@ -10,10 +10,12 @@ from pathlib import Path
 import pytest
 
 from morphkit.assets import find_assets
+from morphkit.conversion import convert
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError, MorphkitError
 from morphkit.io import limits, read, xml
 from morphkit.io.common import Names, nearest
+from morphkit.loading import load_spec
 from morphkit.robots import load
 from morphkit.tokens import tokens
 
@@ -91,6 +93,20 @@ def test_a_long_chain_and_a_long_ring() -> None:
         read(urdf(count, "".join([*chain, joint(count, count - 1, 0)])))
     with pytest.raises(DescriptionError, match=r"l49 and 2,950 others"):
         read(urdf(count, ""))
+
+
+def test_a_chain_too_long_to_simulate(tmp_path: Path) -> None:
+    longest = limits.CHAIN + 1
+    chain = [joint(i, i, i + 1) for i in range(longest - 1)]
+    fork = [joint(longest, longest - 2, longest)]
+    load_spec(urdf(longest + 1, "".join([*reversed(chain), *fork])))
+    long = urdf(10_000, "".join(joint(i, i, i + 1) for i in range(9999)))
+    start = time.perf_counter()
+    with pytest.raises(DescriptionError, match="a chain of more than 250 links"):
+        load_spec(long)
+    with pytest.raises(DescriptionError, match="a chain of more than 250 links"):
+        convert(long)
+    assert time.perf_counter() - start < 20
 
 
 def test_names_are_numbered_in_linear_time() -> None:
