@@ -77,7 +77,7 @@ def check_chain(root: Any, *, file: str) -> None:
     }
     depths: dict[str, int] = {}
     for link in above:
-        chain = []
+        chain: list[str] = []
         while link in above and link not in depths and len(chain) <= CHAIN:
             chain.append(link)
             link = above[link]
