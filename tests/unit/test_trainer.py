@@ -104,6 +104,23 @@ def test_policy_acts_alone_and_in_batches_within_the_control_ranges(run: Path) -
         policy.act(spec, obs[:, 1:])
 
 
+def test_robots_that_differ_in_what_their_file_includes_are_told_apart(run: Path, tmp_path: Path) -> None:
+    policy = Policy.load(run)
+    controls = {}
+    for bound in (1, 50):
+        folder = tmp_path / str(bound)
+        folder.mkdir()
+        motor = f'<motor joint="hip" ctrlrange="-{bound} {bound}"/>'
+        (folder / "motors.xml").write_text(f"<mujoco><actuator>{motor}</actuator></mujoco>")
+        (folder / "robot.xml").write_text(
+            '<mujoco><include file="motors.xml"/><worldbody><body name="base"><geom size=".1"/>'
+            '<body name="leg"><joint name="hip"/><geom size=".1"/></body></body></worldbody></mujoco>'
+        )
+        spec = tokens(read(load(folder / "robot.xml")))
+        controls[bound] = policy.act(spec, np.ones(len(spec.sensors)))
+    np.testing.assert_allclose(controls[50], 50 * controls[1], rtol=1e-5)
+
+
 def test_evaluation_covers_seen_and_unseen_robots_and_repeats_itself(run: Path) -> None:
     robots = [load("hopper"), load("hopper_4")]
     first, second = evaluate(run, robots, episodes=3), evaluate(run, robots, episodes=3)
