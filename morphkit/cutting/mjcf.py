@@ -15,6 +15,7 @@ from morphkit.cutting.loss import Loss
 from morphkit.cutting.plan import Plan
 from morphkit.cutting.references import Bones, Removed, collect, prune_references
 from morphkit.cutting.tidy import detach, lift
+from morphkit.cutting.views import cameras, renumber
 from morphkit.errors import AblationError
 
 _NO_BONES: Bones = MappingProxyType({})
@@ -48,6 +49,7 @@ def cut(root: Any, bodies: Mapping[str, Any], plan: Plan, layout: Layout, bones:
         What went beside the bodies themselves.
     """
     numbers = layout.number(root)
+    before = cameras(root)
     held = list(root.iter()) if numbers else []  # keeps the proxies alive, so that id() identifies an element
     removed: Removed = {}
     lost: list[Loss] = []
@@ -59,6 +61,7 @@ def cut(root: Any, bodies: Mapping[str, Any], plan: Plan, layout: Layout, bones:
     for name in plan.prune:
         detach(bodies[name])
     lost += prune_references(root, removed, bones)
+    lost += renumber(root, before)
     left = {id(element) for element in root.iter()}
     lost += layout.cut(root, [numbers[id(element)] for element in held if id(element) not in left])
     return lost

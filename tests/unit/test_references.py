@@ -238,3 +238,28 @@ def test_a_robot_with_a_skin_file_compiles(tmp_path: Path):
     assert compile_plain(robot).nskin == 1
     (tmp_path / "suit.skn").unlink()
     assert compile_plain(robot).nskin == 0
+
+
+VIEWS = b"""<mujoco><visual><global cameraid="%d"/></visual><worldbody>
+  <body name="base"><geom size=".1"/>
+    <body name="left"><joint/><geom size=".1"/><camera name="on left"/></body>
+    <frame><camera name="in frame"/></frame>
+    <body name="right"><joint/><geom size=".1"/><camera name="on right"/></body>
+    <camera name="on base"/>
+  </body>
+  <camera name="in the room"/>
+</worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("number", range(5))
+def test_the_camera_to_start_with_stays_the_same(number, plain_spec):
+    robot = mjcf(VIEWS % number)
+    model = plain_spec(robot).compile()
+    named = model.camera(model.vis.global_.cameraid).name
+    variant = ablate(robot, remove=["left"])
+    cut = plain_spec(variant.description).compile()
+    if named == "on left":
+        assert cut.vis.global_.cameraid == -1
+        assert Loss("view", "cameraid", "", "camera on left went; views start free") in variant.lost
+    else:
+        assert cut.camera(cut.vis.global_.cameraid).name == named
