@@ -142,7 +142,26 @@ def joint_range(joint: Any) -> tuple[float, float]:
     low, high = (float(value) for value in joint.range)
     if joint.compiler.degree and joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_BALL):
         return math.radians(low), math.radians(high)
+    if joint.type == mujoco.mjtJoint.mjJNT_SLIDE:
+        factor = _scale(joint)
+        return low * factor, high * factor
     return low, high
+
+
+def _scale(joint: Any) -> float:
+    """By how much the frames around a slide joint lengthen its way; MuJoCo does so when it compiles.
+
+    Where they stretch axes differently, the joint has to lie along one of them, and is taken to be written in them.
+    """
+    factor, axis = 1.0, [float(value) for value in joint.axis]
+    body, frame = joint.parent, joint.frame
+    while body is not None:
+        while frame is not None:
+            stretched = math.hypot(*(float(scale) * value for scale, value in zip(frame.scale, axis, strict=True)))
+            factor *= stretched / (math.hypot(*axis) or 1.0)
+            frame = frame.frame
+        frame, body = body.frame, body.parent
+    return factor
 
 
 def is_limited(spec: mujoco.MjSpec, flag: Any, low: float, high: float) -> bool:

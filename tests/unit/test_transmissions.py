@@ -70,3 +70,24 @@ def test_a_muscle_takes_what_mujoco_does_not_clip() -> None:
     assert [(actuator.low, actuator.high) for actuator in found] == [(0.0, 1.0), (-2.0, 0.5)]
     rates = [mujoco.mju_muscleDynamics(control, 0.5, [0.01, 0.04, 0]) for control in (-1, 0, 1, 2)]
     assert rates[0] == rates[1] < rates[2] == rates[3]
+
+
+def test_the_way_of_a_slide_in_frames_with_a_scale() -> None:
+    slide = '<joint name="{0}" type="slide" axis="0 1 0" range="-.1 .2"/><geom type="box" size=".1 .1 .1"/>'
+    b, c, d, e, f = (slide.format(name) for name in "bcdef")
+    source = f"""<mujoco><worldbody><body name="a"><geom size=".1"/>
+      <frame scale="2">
+        <body name="b">{b}<body name="c"><frame scale="3" euler="10 20 30">{c}</frame></body></body>
+        <frame scale=".5"><body name="d">{d}</body></frame>
+      </frame>
+      <frame scale="2 3 4" scaling="geometry"><body name="e">{e}</body></frame>
+      <body name="f">{f}</body>
+    </body></worldbody><actuator><position joint="c" inheritrange="1"/></actuator></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(source)
+    robot = read(Description("r", "r.xml", "mjcf", source.encode()))
+    found = {joint.name: (joint.low, joint.high) for joint in robot.joints}
+    for number in range(model.njnt):
+        assert found[model.joint(number).name] == pytest.approx(tuple(model.jnt_range[number]))
+    (actuator,) = robot.actuators
+    assert (actuator.low, actuator.high) == pytest.approx(tuple(model.actuator_ctrlrange[0]))
+    assert actuator.high == pytest.approx(1.2)
