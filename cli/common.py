@@ -136,9 +136,17 @@ def load_bodies(targets: Sequence[str], xacro_args: Sequence[str] | None = None)
     for target, arguments in xacro_arguments(xacro_args, *targets).items():
         for description in load_all(target, xacro_args=arguments):
             known = bodies.setdefault(description.name, description)
-            if known.source != description.source:
+            if _differ(known, description):
                 raise UnknownNameError(
                     f"two different bodies are called {description.name}; the second is in {target}. "
                     "Rename one of the files, or give morphkit ablate a --name."
                 )
     return list(bodies.values())
+
+
+def _differ(one: Description, other: Description) -> bool:
+    """Whether two bodies are different, in what their files say or in files that these name beside them."""
+    if one.source != other.source:
+        return True
+    apart = (one.folder and one.folder.resolve()) != (other.folder and other.folder.resolve())
+    return apart and b"file" in one.source  # every attribute that names a file has that in its name

@@ -95,6 +95,20 @@ def test_help_has_examples(command, capsys):
     assert f"morphkit {command}" in capsys.readouterr().out.split("Examples:")[1]
 
 
+def test_bodies_of_one_name_are_one_body_unless_they_include_other_files(tmp_path):
+    includes = '<mujoco><include file="limbs.xml"/></mujoco>'
+    plain = '<mujoco><worldbody><body name="a"/></worldbody></mujoco>'
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "same.xml").write_text(plain)
+        (tmp_path / folder / "robot.xml").write_text(includes)
+    files = [[str(tmp_path / folder / name) for folder in ("one", "two")] for name in ("same.xml", "robot.xml")]
+    assert len(common.load_bodies(files[0])) == 1
+    assert len(common.load_bodies([files[1][0], f"{tmp_path}/two/../one/robot.xml"])) == 1
+    with pytest.raises(UnknownNameError, match="two different bodies are called robot"):
+        common.load_bodies(files[1])
+
+
 def test_the_command_that_training_points_to_works(tmp_path, capsys):
     variant = tmp_path / "my robots" / "one.xml"
     variant.parent.mkdir()
