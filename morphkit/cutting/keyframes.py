@@ -42,7 +42,7 @@ class Layout:
         for number, twin in enumerate(skeleton.iter()):
             kind = _kind(twin)
             if kind:
-                twin.set("name", twin.get("name", f"unnamed {number}"))
+                twin.set("name", twin.get("name") or f"unnamed {number}")
                 self._names[number] = kind, twin.get("name")
         _strip(skeleton)
         try:

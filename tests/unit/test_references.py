@@ -263,3 +263,18 @@ def test_the_camera_to_start_with_stays_the_same(number, plain_spec):
         assert Loss("view", "cameraid", "", "camera on left went; views start free") in variant.lost
     else:
         assert cut.camera(cut.vis.global_.cameraid).name == named
+
+
+def test_keyframes_are_cut_where_names_are_empty():
+    source = b"""<mujoco>
+  <worldbody><body name="base"><geom size="1"/>
+    <body name=""><joint name="left"/><geom size="1"/></body>
+    <body name="arm"><joint name="right"/><geom size="1"/></body>
+  </body></worldbody>
+  <actuator><motor name="" joint="left"/><motor name="" joint="right"/></actuator>
+  <keyframe><key qpos="1 2" ctrl="3 4"/></keyframe>
+</mujoco>"""
+    robot = Description("arm", "arm.xml", "mjcf", source)
+    _, nameless, arm = read(robot).limbs
+    for limb, left in ((nameless.name, b'qpos="2" ctrl="4"'), (arm.name, b'qpos="1" ctrl="3"')):
+        assert left in ablate(robot, remove=[limb]).description.source
