@@ -74,11 +74,14 @@ def settle_urdf(spec: mujoco.MjSpec, description: Description) -> None:
 
 def _drive_limits(description: Description) -> dict[str, tuple[float, float]]:
     """Effort limit, N*m (N), and velocity limit, rad/s (m/s), of the joints of a URDF that state both."""
-    found = {}
-    for limit in xml.parse(description.source, file=description.file).getroot().iterfind("joint/limit"):
+    found: dict[str, tuple[float, float]] = {}
+    for joint in xml.parse(description.source, file=description.file).getroot().iterfind("joint"):
+        limit = joint.find("limit")
+        if limit is None:
+            continue
         try:
-            found[limit.getparent().get("name")] = float(limit.get("effort")), float(limit.get("velocity"))
-        except (TypeError, ValueError):
+            found[joint.get("name", "")] = float(limit.get("effort", "")), float(limit.get("velocity", ""))
+        except ValueError:
             continue
     return found
 

@@ -1,20 +1,20 @@
-"""What URDFs carry that means nothing and that MuJoCo refuses: shapes without extent, colours that are none."""
+"""What URDFs carry that means nothing and that MuJoCo refuses, such as shapes without extent."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
-_SIZES = ("size", "radius", "length")
-_THIN = "1e-6"  # m
+_SIZES = ("size", "radius", "length", "scale")
+_THIN = "1e-6"  # m, or as a factor
 
 
 def mend(robot: Any) -> Iterator[str]:
     """Take out what can be done without, in place; yield a sentence for each thing.
 
-    A shape goes where it has no extent at all, or is flat and only decorates; a flat one that things touch gets a
-    thickness of 1 micrometre.
+    A shape goes where it has no extent at all, and one that only decorates also where it is flat, has sizes that are no
+    numbers, or is none that URDF knows. A flat one that things touch gets a thickness of 1 micrometre.
 
     Args:
         robot: The root element of a URDF.
@@ -24,39 +24,59 @@ def mend(robot: Any) -> Iterator[str]:
             yield from _mend_shape(part)
     for colour in list(robot.iter("color")):
         rgba = colour.get("rgba")
-        if rgba is not None and not _is_colour(rgba):
+        if rgba is not None and not (len(rgba.split()) == 4 and all(map(_is_finite, rgba.split()))):
             yield f"colour {rgba!r} is no red, green, blue and opacity; it was left out"
             colour.getparent().remove(colour)
+    for mimic in list(robot.iterfind("joint/mimic")):
+        joint = mimic.getparent().get("name")
+        if mimic.get("joint") == joint:
+            yield f"joint {joint!r} mimics itself, which says nothing"
+            mimic.getparent().remove(mimic)
+    for dynamics in robot.iterfind("joint/dynamics"):
+        for key in ("damping", "friction"):
+            if _is_finite(dynamics.get(key, "")) and float(dynamics.get(key)) < 0:
+                joint = dynamics.getparent().get("name")
+                yield f"{key} {dynamics.get(key)} of joint {joint!r} is negative: it counts as none"
+                dynamics.set(key, "0")
 
 
 def _mend_shape(part: Any) -> Iterator[str]:
-    shape = next((each for each in part.iterfind("geometry/*") if isinstance(each.tag, str)), None)
-    if shape is None:
-        return
-    found = {key: shape.get(key).split() for key in _SIZES if shape.get(key) is not None}
-    flat = [_is_zero(word) for words in found.values() for word in words]
-    if not any(flat):
-        return
+    shape: Any = next((each for each in part.iterfind("geometry/*") if isinstance(each.tag, str)), None)
+    found = {key: shape.get(key).split() for key in _SIZES if shape.get(key) is not None} if shape is not None else {}
+    words = [word for each in found.values() for word in each]
+    problem = _problem(shape, words, decorates=part.tag == "visual")
     what = f"a {part.tag} of link {part.getparent().get('name')!r}"
-    if all(flat) or part.tag == "visual":
-        yield f"{what} has no extent and was left out"
+    if problem:
+        yield f"{what} {problem} and was left out"
         part.getparent().remove(part)
         return
-    for key, words in found.items():
-        shape.set(key, " ".join(_THIN if _is_zero(word) else word for word in words))
-    yield f"{what} is flat and got a thickness of {_THIN} m"
+    if any(map(_is_zero, words)):
+        yield f"{what} is flat and got a thickness of 1 micrometre"
+        for key, each in found.items():
+            shape.set(key, " ".join(_THIN if _is_zero(word) else word for word in each))
+    if len(found.get("scale", ())) == 1:  # which some readers take for all three
+        shape.set("scale", " ".join(found["scale"] * 3))
+
+
+def _problem(shape: Any, words: Sequence[str], *, decorates: bool) -> str:
+    """Why a shape can be left out; empty where it cannot."""
+    if words and all(map(_is_zero, words)):
+        return "has no extent"
+    if not decorates:
+        return ""
+    if shape is None or shape.tag not in ("mesh", "box", "sphere", "cylinder", "capsule"):
+        return "has no shape that URDF knows"
+    if not all(map(_is_finite, words)):
+        return "has a size that is no number"
+    return "has no extent" if any(map(_is_zero, words)) else ""
 
 
 def _is_zero(word: str) -> bool:
-    try:
-        return float(word) == 0
-    except ValueError:
-        return False
+    return _is_finite(word) and float(word) == 0
 
 
-def _is_colour(rgba: str) -> bool:
+def _is_finite(word: str) -> bool:
     try:
-        numbers = [float(word) for word in rgba.split()]
+        return math.isfinite(float(word))
     except ValueError:
         return False
-    return len(numbers) == 4 and all(map(math.isfinite, numbers))

@@ -21,6 +21,7 @@ MAX_MESH_BYTES = 512 * 2**20
 """Of a mesh file, unpacked; those of real robots have some megabytes."""
 
 _HEAD, _FACE = 84, 50  # bytes in a binary STL
+_ASCII_BYTES = 512  # in which an STL that is text has its first facet
 _COLLADA = (".dae", ".zae")
 _UP_AXIS = re.compile(rb"<(?:\w+:)?up_axis>\s*([XYZ])_UP")
 _ASSET_BYTES = 2**16  # COLLADA's <asset> comes first in the file.
@@ -37,7 +38,7 @@ def read_for_mujoco(path: Path) -> tuple[str, bytes]:
     """
     _check_size(path)
     suffix = path.suffix.lower()
-    content = path.read_bytes()
+    content = path.read_bytes() if suffix != ".stl" else _without_rest(path.read_bytes())
     if suffix in (".obj", ".msh") or (suffix == ".stl" and _is_plain_stl(content)):
         return path.name, content
     mesh = load_mesh(path)
@@ -63,6 +64,12 @@ def _is_plain_stl(content: bytes) -> bool:
     return len(content) == _HEAD + _FACE * faces and faces <= MAX_STL_FACES
 
 
+def _without_rest(content: bytes) -> bytes:
+    """An STL without what some programs write after its last triangle."""
+    end = _HEAD + _FACE * int.from_bytes(content[80:_HEAD], "little")
+    return content[:end] if _HEAD < end < len(content) and b"facet" not in content[:_ASCII_BYTES] else content
+
+
 def load_mesh(path: Path) -> Any:
     """Read a mesh file, all its parts joined, in metres where the file states its unit.
 
@@ -82,7 +89,10 @@ def load_mesh(path: Path) -> Any:
     try:
         if path.suffix.lower() == ".msh":
             return trimesh.Trimesh(*_read_msh(path.read_bytes()), process=False)
-        mesh = trimesh.load(path, force="mesh", skip_materials=True)
+        if path.suffix.lower() == ".stl":
+            mesh = trimesh.load(io.BytesIO(_without_rest(path.read_bytes())), file_type="stl", force="mesh")
+        else:
+            mesh = trimesh.load(path, force="mesh", skip_materials=True)
         if path.suffix.lower() == ".dae" and len(mesh.faces) == 0:
             mesh = trimesh.load(io.BytesIO(_without_materials(path)), file_type="dae", force="mesh")
     except Exception as error:  # trimesh raises whatever the reader of the format raises

@@ -102,6 +102,9 @@ def convert(description: Description, *, base: Base | None = None, floor: bool |
         f"joints got armature {completion.URDF_ARMATURE:g}, those without damping {completion.URDF_DAMPING:g} and as"
         " much as holds them at their velocity limits; links do not collide with each other"
     )
+    for joint in spec.joints:
+        if not np.isfinite(joint.actfrcrange).all():  # of an infinite effort limit
+            joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_FALSE, [0, 0]
     notes += settle_masses(spec, moving=() if base == "fixed" else (root.name,))
     notes += _settle_meshes(spec, description.file)
     floor = base != "fixed" if floor is None else floor

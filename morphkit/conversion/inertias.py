@@ -15,6 +15,9 @@ _MARGIN = 1e-9
 
 _NOTABLE = 1e-6
 _SMALLEST = 1e-15
+LEAST_MASS = 1e-10
+"""kg; what is lighter is a placeholder, and too light for MuJoCo to move."""
+
 STAND_IN_MASS = 1e-3
 STAND_IN_GYRATION = 0.01
 
@@ -34,10 +37,10 @@ def settle_masses(spec: mujoco.MjSpec, moving: Collection[str] = ()) -> Iterator
         DescriptionError: An inertia is infinite.
     """
     for body in spec.bodies[1:]:
-        if body.explicitinertial and body.mass > 0:
+        if body.explicitinertial and body.mass >= LEAST_MASS:
             yield from _settle_inertia(body)
             continue
-        if body.explicitinertial and body.mass < 0:
+        if body.explicitinertial and body.mass != 0:
             yield f"link {body.name!r} has mass {body.mass:g} kg, which counts as none"
         body.explicitinertial = False
         for geom in body.geoms:
@@ -52,7 +55,7 @@ def _carries_mass(body: Any) -> bool:
     pending = [body]
     while pending:
         each = pending.pop()
-        if each.explicitinertial and each.mass > 0:
+        if each.explicitinertial and each.mass >= LEAST_MASS:
             return True
         pending.extend(child for child in each.bodies if not list(child.joints))
     return False

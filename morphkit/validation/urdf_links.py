@@ -141,8 +141,11 @@ def _check_shape(doc: Document, name: str, part: Any) -> list[MeshUse]:
 
 def _check_mesh(doc: Document, name: str, part: Any, shape: Any, owner: str, pose: Pose | None) -> list[MeshUse]:
     scale = read_numbers(doc, shape, "scale", range(1, 4), owner=owner) or [1.0]
-    if 0.0 in scale or len(scale) == 2:
+    if len(scale) < 3 and shape.get("scale") is not None:
+        doc.add("number-invalid", shape, f"{owner} has scale {shape.get('scale')!r}, expected 3 numbers", name=name)
+    if 0.0 in scale:
         doc.add("mesh-scale-zero", shape, f"{owner} has scale {shape.get('scale')}", name=name)
+    if 0.0 in scale or len(scale) == 2:
         return []
     path = _find(doc, shape, owner, name, decorates=part.tag == "visual")
     if path is None or pose is None:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import mujoco
 import pytest
+import trimesh
 
 from morphkit.conversion import convert
 from morphkit.description import Description
 from morphkit.errors import DescriptionError
 from morphkit.mechanics import load_mechanics
+from morphkit.mesh_files import load_mesh, read_for_mujoco
 from morphkit.simulation import build
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -66,6 +71,63 @@ def test_a_massless_root_that_is_to_move_gets_a_mass() -> None:
     for base in ("free", "planar"):
         conversion = convert(robot, base=base)  # type: ignore[arg-type]
         assert any("'base' moves and has no mass" in note for note in conversion.notes)
+
+
+@pytest.mark.parametrize("broken", ['<cone radius="1"/>', '<box size="nan 1 1"/>', '<sphere radius="x"/>', ""])
+def test_visuals_that_are_none_go(broken: str) -> None:
+    robot = urdf(INERTIAL + shape("collision", '<sphere radius="0.1"/>') + shape("visual", broken))
+    assert len(convert(robot, floor=False).spec.geoms) == 1
+    with pytest.raises(DescriptionError):  # what things touch is not left out
+        convert(urdf(INERTIAL + shape("collision", broken)))
+
+
+@pytest.mark.parametrize(("scale", "expected"), [("2", [2, 2, 2]), ("-2 2 2", [-2, 2, 2]), ("0 2 2", [1e-6, 2, 2])])
+def test_scales_of_meshes(tmp_path: Path, scale: str, expected: list[float]) -> None:
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(tmp_path / "m.stl")
+    robot = urdf(INERTIAL + shape("collision", f'<mesh filename="m.stl" scale="{scale}"/>'))
+    (mesh,) = convert(replace(robot, folder=tmp_path), floor=False).spec.meshes
+    assert mesh.scale.tolist() == expected
+
+
+def two(dynamics: str, mass: str = "1", effort: str = "1") -> Description:
+    legs = INERTIAL.replace('"1"', f'"{mass}"', 1)
+    limit = f'<limit lower="-1" upper="1" effort="{effort}" velocity="0"/>'
+    joint = '<joint name="j" type="revolute"><parent link="base"/><child link="leg"/><axis xyz="1 0 0"/>'
+    return urdf(INERTIAL, f'<link name="leg">{legs}</link>{joint}{limit}{dynamics}</joint>')
+
+
+def test_a_joint_that_mimics_itself_moves_by_itself() -> None:
+    spec = convert(two('<mimic joint="j"/>')).spec
+    assert not spec.equalities
+    assert len(spec.joints) == 1
+
+
+def test_negative_damping_counts_as_none() -> None:
+    conversion = convert(two('<dynamics damping="-1" friction="-2"/>'))
+    model = conversion.spec.compile()
+    assert model.dof_damping.tolist() == [0.1]
+    assert model.dof_frictionloss.tolist() == [0]
+    assert sum("is negative" in note for note in conversion.notes) == 2
+
+
+def test_masses_too_light_to_move_count_as_none() -> None:
+    conversion = convert(two("", mass="1e-14"))
+    assert any("'leg' has mass 1e-14 kg" in note for note in conversion.notes)
+    assert conversion.spec.body("leg").mass == 1e-3
+
+
+def test_an_infinite_effort_leaves_no_infinite_range() -> None:
+    assert "inf" not in convert(two("", effort="inf")).spec.to_xml()
+
+
+def test_stl_with_more_than_its_triangles(tmp_path: Path) -> None:
+    content = trimesh.creation.box((1, 2, 3)).export(file_type="stl")
+    (tmp_path / "m.stl").write_bytes(content + b"made by a program that says so")
+    assert read_for_mujoco(tmp_path / "m.stl") == ("m.stl", content)
+    assert load_mesh(tmp_path / "m.stl").extents.tolist() == [1, 2, 3]
+    text = trimesh.creation.box((1, 2, 3)).export(file_type="stl_ascii")
+    (tmp_path / "t.stl").write_text(text)
+    assert load_mesh(tmp_path / "t.stl").extents.tolist() == [1, 2, 3]
 
 
 def test_macros_that_were_not_expanded_are_refused() -> None:

@@ -247,6 +247,13 @@ def test_mass_far_from_the_volume_of_a_mesh(mesh_report: Report) -> None:
     assert {found.element for found in mesh_report.findings} <= {"leg", ""}
 
 
+def test_scales_have_three_numbers(tmp_path: Path) -> None:
+    stl(tmp_path / "m.stl")
+    for scale in ("1", "1 1"):
+        text = urdf(leg=inertial() + BALL + visual(f'<mesh filename="m.stl" scale="{scale}"/>'))
+        assert lines_of(check_text(tmp_path, "r.urdf", text, deep=False), "number-invalid") == [3]
+
+
 def test_density_of_a_mesh(tmp_path: Path) -> None:
     stl(tmp_path / "m.stl")
     leg = inertial("100", moments("0.5", "0.5", "0.5")) + visual('<mesh filename="m.stl"/>', tag="collision")
