@@ -13,6 +13,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from morphkit_rl.kernels.encoder_layer import available, encoder_layer
 from morphkit_rl.models.blocks import MemberLinear, affine, first
 
 Spans = Sequence[slice]
@@ -145,6 +146,11 @@ class EncoderLayer(nn.Module):
 
     def forward(self, x: Tensor, spans: Spans) -> Tensor:
         """Mix and map the tokens of each robot."""
+        attention, feedforward = self.attention, self.feedforward
+        if available(x, spans, attention.heads, feedforward.expand.weight.shape[-1]):
+            parts = (attention.qkv, attention.out, feedforward.expand, feedforward.contract, self.norm1, self.norm2)
+            parameters = [parameter for part in parts for parameter in part.parameters()]
+            return encoder_layer(x, spans, attention.heads, parameters)
         x = self.norm1(self.attention(x, spans))
         return self.norm2(self.feedforward(x))
 

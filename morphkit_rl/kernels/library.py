@@ -1,0 +1,83 @@
+"""Compiles the kernels when they are first wanted, once a user and processor, and keeps them in the user's cache.
+
+Kernels only save time: without a compiler, or where anything else is missing, PyTorch's own operations do the same.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import logging
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from importlib import resources
+from pathlib import Path
+
+import platformdirs
+import torch
+
+logger = logging.getLogger(__name__)
+
+SWITCH = "MORPHKIT_KERNELS"
+"""Environment variable; `0` keeps to PyTorch's operations."""
+
+_SOURCES = ("encoder_layer.cpp", "product.h")
+_FLAGS = ("-std=c++17", "-O3", "-march=native", "-mprefer-vector-width=512", "-fPIC")
+_TIMEOUT_S = 120
+
+
+@functools.cache
+def load() -> ctypes.CDLL | None:
+    """The compiled kernels; None where they are switched off, or cannot be made or loaded."""
+    if os.environ.get(SWITCH, "1") == "0" or not _suits_processor():
+        return None
+    try:
+        return ctypes.CDLL(str(_compiled()))
+    except (OSError, subprocess.SubprocessError, ModuleNotFoundError) as error:
+        logger.info("computing without compiled kernels: %s", error)
+        return None
+
+
+def _suits_processor() -> bool:
+    return platform.system() == "Linux" and torch.backends.cpu.get_cpu_capability() == "AVX512"
+
+
+def _compiled() -> Path:
+    """The library, from the cache or just made."""
+    compiler = os.environ.get("CXX") or shutil.which("g++") or shutil.which("c++")
+    if compiler is None:
+        raise FileNotFoundError("there is no C++ compiler")
+    folder = resources.files(__package__)
+    texts = {name: folder.joinpath(name).read_bytes() for name in _SOURCES}
+    processor = Path("/proc/cpuinfo").read_text().split("\n\n")[0]
+    flags = next((line for line in processor.splitlines() if line.startswith("flags")), "")
+    key = hashlib.sha256(b"\0".join([*texts.values(), flags.encode(), compiler.encode(), *map(str.encode, _FLAGS)]))
+    name = f"kernels-{key.hexdigest()[:16]}.so"
+    try:
+        cache = Path(os.environ.get("MORPHKIT_CACHE") or platformdirs.user_cache_dir("morphkit")).expanduser()
+        cache.mkdir(parents=True, exist_ok=True)
+        file = cache / name
+        return file if file.is_file() else _compile(compiler, texts, file)
+    except PermissionError:
+        pass
+    return _compile(compiler, texts, Path(tempfile.mkdtemp(prefix="morphkit-")) / name)
+
+
+def _compile(compiler: str, texts: dict[str, bytes], file: Path) -> Path:
+    """Make the library beside `file` and move it there, so that nobody ever sees a part of it."""
+    with tempfile.TemporaryDirectory(prefix="kernels-", dir=file.parent) as name:
+        folder = Path(name)
+        for source, text in texts.items():
+            (folder / source).write_bytes(text)
+        # OpenMP's own library is not linked: its functions must be those that PyTorch has loaded.
+        for command in (
+            [compiler, *_FLAGS, "-fopenmp", "-c", _SOURCES[0], "-o", "kernels.o"],
+            [compiler, "-shared", "kernels.o", "-o", file.name],
+        ):
+            subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=_TIMEOUT_S)
+        (folder / file.name).replace(file)
+    return file
