@@ -14,19 +14,25 @@ import platform
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Callable, Sequence
 from importlib import resources
 from pathlib import Path
 
 import platformdirs
 import torch
+from torch import Tensor
 
 logger = logging.getLogger(__name__)
 
 SWITCH = "MORPHKIT_KERNELS"
 """Environment variable; `0` keeps to PyTorch's operations."""
 
-_SOURCES = ("encoder_layer.cpp", "product.h")
-_FLAGS = ("-std=c++17", "-O3", "-march=native", "-mprefer-vector-width=512", "-fPIC")
+STEP = 16
+"""Widths of vectors that kernels compute on are multiples of this."""
+
+_SOURCES = ("encoder_layer.cpp", "cross_attention.cpp")
+_HEADERS = ("product.h", "rows.h")
+_FLAGS = ("-std=c++17", "-O3", "-march=native", "-fPIC")
 _TIMEOUT_S = 120
 
 
@@ -42,6 +48,40 @@ def load() -> ctypes.CDLL | None:
         return None
 
 
+@functools.cache
+def function(name: str, dtype: torch.dtype) -> Callable[..., None] | None:
+    """The kernel of that name for tensors of a type; None where there is none."""
+    return getattr(load(), f"{name}_{str(dtype).removeprefix('torch.')}", None)
+
+
+def takes(x: Tensor, name: str) -> bool:
+    """Whether the kernel can compute on `x`."""
+    return x.device.type == "cpu" and x.numel() > 0 and function(name, x.dtype) is not None
+
+
+def edges(spans: Sequence[slice], length: int) -> tuple[int, ...] | None:
+    """Where consecutive slices of a sequence begin, and its length; None where they are not all of it in order."""
+    found = (0, *(span.stop for span in spans))
+    fits = found[-1] == length and found[:-1] == tuple(span.start for span in spans) and list(found) == sorted({*found})
+    return found if fits else None
+
+
+@functools.lru_cache(maxsize=256)
+def integers(*values: int) -> ctypes.Array[ctypes.c_int64]:
+    """The numbers as an array that a kernel reads."""
+    return (ctypes.c_int64 * len(values))(*values)
+
+
+def pointer(tensor: Tensor) -> ctypes.c_void_p:
+    """Where a tensor's numbers lie."""
+    return ctypes.c_void_p(tensor.data_ptr())
+
+
+def pointers(tensors: Sequence[Tensor]) -> ctypes.Array[ctypes.c_void_p]:
+    """Where several tensors' numbers lie."""
+    return (ctypes.c_void_p * len(tensors))(*[tensor.data_ptr() for tensor in tensors])
+
+
 def _suits_processor() -> bool:
     return platform.system() == "Linux" and torch.backends.cpu.get_cpu_capability() == "AVX512"
 
@@ -52,7 +92,7 @@ def _compiled() -> Path:
     if compiler is None:
         raise FileNotFoundError("there is no C++ compiler")
     folder = resources.files(__package__)
-    texts = {name: folder.joinpath(name).read_bytes() for name in _SOURCES}
+    texts = {name: folder.joinpath(name).read_bytes() for name in (*_SOURCES, *_HEADERS)}
     processor = Path("/proc/cpuinfo").read_text().split("\n\n")[0]
     flags = next((line for line in processor.splitlines() if line.startswith("flags")), "")
     key = hashlib.sha256(b"\0".join([*texts.values(), flags.encode(), compiler.encode(), *map(str.encode, _FLAGS)]))
@@ -75,8 +115,8 @@ def _compile(compiler: str, texts: dict[str, bytes], file: Path) -> Path:
             (folder / source).write_bytes(text)
         # OpenMP's own library is not linked: its functions must be those that PyTorch has loaded.
         for command in (
-            [compiler, *_FLAGS, "-fopenmp", "-c", _SOURCES[0], "-o", "kernels.o"],
-            [compiler, "-shared", "kernels.o", "-o", file.name],
+            [compiler, *_FLAGS, "-fopenmp", "-c", *_SOURCES],
+            [compiler, "-shared", *(source.replace(".cpp", ".o") for source in _SOURCES), "-o", file.name],
         ):
             subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=_TIMEOUT_S)
         (folder / file.name).replace(file)

@@ -84,8 +84,7 @@ class Buffer {
     Index bytes_ = 0;
 };
 
-inline float word(const float* x, const float*) { return *x; }
-inline float word(const float* x) { return *x; }
+inline float word(const float* x, const float* = nullptr) { return *x; }
 inline std::uint32_t word(const bfloat16* x, const bfloat16* next) { return x->bits | std::uint32_t(next->bits) << 16; }
 inline std::uint32_t word(const bfloat16* x) { return x->bits; }
 
