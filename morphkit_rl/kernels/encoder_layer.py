@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from morphkit_rl.kernels.library import STEP, edges, function, integers, pointer, pointers, takes
+from morphkit_rl.kernels.library import STEP, edges, function, gradients_of_threads, integers, pointer, pointers, takes
 
 
 def available(x: Tensor, spans: Sequence[slice], heads: int, hidden: int) -> bool:
@@ -59,19 +59,12 @@ class _EncoderLayer(torch.autograd.Function):
         x, *rest = ctx.saved_tensors
         saved, parameters = rest[:5], rest[5:]
         x_gradient = torch.empty_like(x)
-        sizes = [parameter.numel() for parameter in parameters]
-        sums = shares = None
-        if any(ctx.needs_input_grad[3:]):  # Each thread adds up its own.
-            sums = torch.zeros(torch.get_num_threads(), sum(sizes))
-            shares = pointers([share for thread in sums for share in thread.split(sizes)])
+        sums, shares = gradients_of_threads(parameters, any(ctx.needs_input_grad[3:]))
         _call(
             "layer_backward", x, ctx.starts, ctx.heads, parameters,
             pointers(saved), pointer(gradient.contiguous()), pointer(x_gradient), shares,
         )  # fmt: skip
-        if sums is None:
-            return x_gradient, None, None, *(None for _ in parameters)
-        flat = sums.sum(0).split(sizes)
-        return x_gradient, None, None, *(g.view_as(p) for g, p in zip(flat, parameters, strict=True))
+        return x_gradient, None, None, *sums()
 
 
 def _forward(x: Tensor, starts: Tensor, heads: int, parameters: Sequence[Tensor], saved: Sequence[Tensor]) -> Tensor:

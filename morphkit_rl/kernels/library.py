@@ -30,7 +30,7 @@ SWITCH = "MORPHKIT_KERNELS"
 STEP = 16
 """Widths of vectors that kernels compute on are multiples of this."""
 
-_SOURCES = ("encoder_layer.cpp", "cross_attention.cpp")
+_SOURCES = ("encoder_layer.cpp", "cross_attention.cpp", "mlp.cpp")
 _HEADERS = ("product.h", "rows.h")
 _FLAGS = ("-std=c++17", "-O3", "-march=native", "-fPIC")
 _TIMEOUT_S = 120
@@ -54,9 +54,9 @@ def function(name: str, dtype: torch.dtype) -> Callable[..., None] | None:
     return getattr(load(), f"{name}_{str(dtype).removeprefix('torch.')}", None)
 
 
-def takes(x: Tensor, name: str) -> bool:
-    """Whether the kernel can compute on `x`."""
-    return x.device.type == "cpu" and x.numel() > 0 and function(name, x.dtype) is not None
+def takes(x: Tensor, name: str, dtype: torch.dtype | None = None) -> bool:
+    """Whether the kernel can compute on `x`, in its own precision or that of `dtype`."""
+    return x.device.type == "cpu" and x.numel() > 0 and function(name, dtype or x.dtype) is not None
 
 
 def edges(spans: Sequence[slice], length: int) -> tuple[int, ...] | None:
@@ -80,6 +80,26 @@ def pointer(tensor: Tensor) -> ctypes.c_void_p:
 def pointers(tensors: Sequence[Tensor]) -> ctypes.Array[ctypes.c_void_p]:
     """Where several tensors' numbers lie."""
     return (ctypes.c_void_p * len(tensors))(*[tensor.data_ptr() for tensor in tensors])
+
+
+def gradients_of_threads(
+    parameters: Sequence[Tensor], wanted: bool
+) -> tuple[Callable[[], list[Tensor | None]], ctypes.Array[ctypes.c_void_p] | None]:
+    """Room for the parameters' gradients, to which each thread adds its own.
+
+    Returns:
+        What gives the sums over all threads, None for each where they are not wanted; and where each thread's lie.
+    """
+    if not wanted:
+        return lambda: [None for _ in parameters], None
+    sizes = [parameter.numel() for parameter in parameters]
+    sums = torch.zeros(torch.get_num_threads(), sum(sizes))
+
+    def add_up() -> list[Tensor | None]:
+        flat = sums.sum(0).split(sizes)
+        return [gradient.view_as(parameter) for gradient, parameter in zip(flat, parameters, strict=True)]
+
+    return add_up, pointers([share for thread in sums for share in thread.split(sizes)])
 
 
 def _suits_processor() -> bool:

@@ -97,3 +97,11 @@ template <class From, class To>
 void copy(const From* x, Index n, To* out) {
     for (Index i = 0; i < n; i += LANES) store(out + i, load(x + i));
 }
+
+// As `copy`, of a row of any length, which is filled up with zeros to a whole number of vectors.
+template <class To>
+void copy_part(const float* x, Index n, To* out) {
+    Index i = 0;
+    for (; i + LANES <= n; i += LANES) store(out + i, load(x + i));
+    if (i < n) store(out + i, (Floats)_mm512_maskz_loadu_ps((1 << (n - i)) - 1, x + i));
+}
