@@ -37,7 +37,8 @@ def read(probes: Tensor, tokens: Tensor, spans: Sequence[slice], token_spans: Se
         What each probe reads (batch, heads, queries, d_model).
     """
     own, memory = edges(spans, probes.shape[2]), edges(token_spans, tokens.shape[1])
-    assert own is not None and memory is not None
+    assert own is not None
+    assert memory is not None
     result: Tensor = _Read.apply(probes.contiguous(), tokens.contiguous(), own, memory)
     return result
 

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from morphkit_rl.kernels.library import STEP, edges, function, gradients_of_threads, integers, pointer, pointers, takes
+from morphkit_rl.kernels.library import STEP, ThreadGradients, edges, function, integers, pointer, pointers, takes
 
 
 def available(x: Tensor, spans: Sequence[slice], heads: int, hidden: int) -> bool:
@@ -59,12 +59,12 @@ class _EncoderLayer(torch.autograd.Function):
         x, *rest = ctx.saved_tensors
         saved, parameters = rest[:5], rest[5:]
         x_gradient = torch.empty_like(x)
-        sums, shares = gradients_of_threads(parameters, any(ctx.needs_input_grad[3:]))
+        gradients = ThreadGradients(parameters, any(ctx.needs_input_grad[3:]))
         _call(
             "layer_backward", x, ctx.starts, ctx.heads, parameters,
-            pointers(saved), pointer(gradient.contiguous()), pointer(x_gradient), shares,
+            pointers(saved), pointer(gradient.contiguous()), pointer(x_gradient), gradients.pointers,
         )  # fmt: skip
-        return x_gradient, None, None, *sums()
+        return x_gradient, None, None, *gradients.add_up()
 
 
 def _forward(x: Tensor, starts: Tensor, heads: int, parameters: Sequence[Tensor], saved: Sequence[Tensor]) -> Tensor:

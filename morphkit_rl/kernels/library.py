@@ -11,16 +11,19 @@ import hashlib
 import logging
 import os
 import platform
+import shlex
 import shutil
 import subprocess
 import tempfile
+import time
 from collections.abc import Callable, Sequence
 from importlib import resources
 from pathlib import Path
 
-import platformdirs
 import torch
 from torch import Tensor
+
+from morphkit_rl.text.cache import cache_folder
 
 logger = logging.getLogger(__name__)
 
@@ -33,24 +36,24 @@ STEP = 16
 _SOURCES = ("encoder_layer.cpp", "cross_attention.cpp", "mlp.cpp")
 _HEADERS = ("product.h", "rows.h")
 _FLAGS = ("-std=c++17", "-O3", "-march=native", "-fPIC")
-_TIMEOUT_S = 120
+_TIMEOUT_S = 60
 
 
 @functools.cache
 def load() -> ctypes.CDLL | None:
     """The compiled kernels; None where they are switched off, or cannot be made or loaded."""
-    if os.environ.get(SWITCH, "1") == "0" or not _suits_processor():
+    if os.environ.get(SWITCH) == "0" or not _suits_processor():
         return None
     try:
-        return ctypes.CDLL(str(_compiled()))
-    except (OSError, subprocess.SubprocessError, ModuleNotFoundError) as error:
+        return _open()
+    except (OSError, ValueError, subprocess.SubprocessError) as error:
         logger.info("computing without compiled kernels: %s", error)
         return None
 
 
 @functools.cache
 def function(name: str, dtype: torch.dtype) -> Callable[..., None] | None:
-    """The kernel of that name for tensors of a type; None where there is none."""
+    """The kernel of that name for a precision; None where there is none."""
     return getattr(load(), f"{name}_{str(dtype).removeprefix('torch.')}", None)
 
 
@@ -82,62 +85,87 @@ def pointers(tensors: Sequence[Tensor]) -> ctypes.Array[ctypes.c_void_p]:
     return (ctypes.c_void_p * len(tensors))(*[tensor.data_ptr() for tensor in tensors])
 
 
-def gradients_of_threads(
-    parameters: Sequence[Tensor], wanted: bool
-) -> tuple[Callable[[], list[Tensor | None]], ctypes.Array[ctypes.c_void_p] | None]:
-    """Room for the parameters' gradients, to which each thread adds its own.
+class ThreadGradients:
+    """Gradients of parameters, to which each thread adds its own.
 
-    Returns:
-        What gives the sums over all threads, None for each where they are not wanted; and where each thread's lie.
+    Args:
+        parameters: Float32 tensors.
+        wanted: Whether there is anything to do.
+
+    Attributes:
+        pointers: Where each thread's gradient of each parameter lies; None where they are not wanted.
     """
-    if not wanted:
-        return lambda: [None for _ in parameters], None
-    sizes = [parameter.numel() for parameter in parameters]
-    sums = torch.zeros(torch.get_num_threads(), sum(sizes))
 
-    def add_up() -> list[Tensor | None]:
-        flat = sums.sum(0).split(sizes)
-        return [gradient.view_as(parameter) for gradient, parameter in zip(flat, parameters, strict=True)]
+    def __init__(self, parameters: Sequence[Tensor], wanted: bool):
+        self._parameters = parameters
+        self._sizes = [parameter.numel() for parameter in parameters]
+        self._sums = torch.zeros(torch.get_num_threads(), sum(self._sizes)) if wanted else None
+        self.pointers = None
+        if self._sums is not None:
+            self.pointers = pointers([share for thread in self._sums for share in thread.split(self._sizes)])
 
-    return add_up, pointers([share for thread in sums for share in thread.split(sizes)])
+    def add_up(self) -> list[Tensor | None]:
+        """The gradients; None for each where they are not wanted."""
+        if self._sums is None:
+            return [None for _ in self._parameters]
+        sums = self._sums[0] if len(self._sums) == 1 else self._sums.sum(0)
+        return [g.view_as(p) for g, p in zip(sums.split(self._sizes), self._parameters, strict=True)]
 
 
 def _suits_processor() -> bool:
     return platform.system() == "Linux" and torch.backends.cpu.get_cpu_capability() == "AVX512"
 
 
-def _compiled() -> Path:
+def _open() -> ctypes.CDLL:
     """The library, from the cache or just made."""
-    compiler = os.environ.get("CXX") or shutil.which("g++") or shutil.which("c++")
-    if compiler is None:
+    compiler = shlex.split(os.environ.get("CXX", "")) or [shutil.which("g++") or shutil.which("c++") or ""]
+    if not shutil.which(compiler[0]):
         raise FileNotFoundError("there is no C++ compiler")
-    folder = resources.files(__package__)
-    texts = {name: folder.joinpath(name).read_bytes() for name in (*_SOURCES, *_HEADERS)}
-    processor = Path("/proc/cpuinfo").read_text().split("\n\n")[0]
-    flags = next((line for line in processor.splitlines() if line.startswith("flags")), "")
-    key = hashlib.sha256(b"\0".join([*texts.values(), flags.encode(), compiler.encode(), *map(str.encode, _FLAGS)]))
-    name = f"kernels-{key.hexdigest()[:16]}.so"
+    package = resources.files(__package__)
+    texts = {name: package.joinpath(name).read_bytes() for name in (*_SOURCES, *_HEADERS)}
+    processor = Path("/proc/cpuinfo").read_text().partition("\n\n")[0].splitlines()
+    native = [line for line in processor if line.startswith(("model name", "flags"))]
+    key = hashlib.sha256(b"\0".join([*texts.values(), *map(str.encode, (*native, *compiler, *_FLAGS))])).hexdigest()
+    name = f"kernels-{key[:16]}.so"
     try:
-        cache = Path(os.environ.get("MORPHKIT_CACHE") or platformdirs.user_cache_dir("morphkit")).expanduser()
-        cache.mkdir(parents=True, exist_ok=True)
-        file = cache / name
-        return file if file.is_file() else _compile(compiler, texts, file)
-    except PermissionError:
-        pass
-    return _compile(compiler, texts, Path(tempfile.mkdtemp(prefix="morphkit-")) / name)
+        file = cache_folder() / name
+        if not file.is_file():
+            file.parent.mkdir(parents=True, exist_ok=True)
+            _compile(compiler, texts, file)
+        return ctypes.CDLL(str(file))
+    except OSError:  # Nothing can be kept there, or it was damaged: make it for this process.
+        with tempfile.TemporaryDirectory(prefix="morphkit-") as folder:
+            _compile(compiler, texts, Path(folder) / name)
+            return ctypes.CDLL(str(Path(folder) / name))
 
 
-def _compile(compiler: str, texts: dict[str, bytes], file: Path) -> Path:
+def _compile(compiler: Sequence[str], texts: dict[str, bytes], file: Path) -> None:
     """Make the library beside `file` and move it there, so that nobody ever sees a part of it."""
     with tempfile.TemporaryDirectory(prefix="kernels-", dir=file.parent) as name:
         folder = Path(name)
         for source, text in texts.items():
             (folder / source).write_bytes(text)
         # OpenMP's own library is not linked: its functions must be those that PyTorch has loaded.
-        for command in (
-            [compiler, *_FLAGS, "-fopenmp", "-c", *_SOURCES],
-            [compiler, "-shared", *(source.replace(".cpp", ".o") for source in _SOURCES), "-o", file.name],
-        ):
-            subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=_TIMEOUT_S)
+        _run([[*compiler, *_FLAGS, "-fopenmp", "-c", source] for source in _SOURCES], folder)
+        objects = [f"{Path(source).stem}.o" for source in _SOURCES]
+        _run([[*compiler, "-shared", *objects, "-o", file.name]], folder)
         (folder / file.name).replace(file)
-    return file
+
+
+def _run(commands: Sequence[Sequence[str]], folder: Path) -> None:
+    """Run commands side by side.
+
+    Raises:
+        subprocess.SubprocessError: One failed, or they took too long.
+    """
+    deadline = time.monotonic() + _TIMEOUT_S
+    quiet = subprocess.DEVNULL
+    running = [subprocess.Popen(c, cwd=folder, stdin=quiet, stdout=quiet, stderr=quiet) for c in commands]
+    try:
+        for process in running:
+            if process.wait(max(deadline - time.monotonic(), 0)):
+                raise subprocess.CalledProcessError(process.returncode, process.args)
+    finally:
+        for process in running:
+            process.kill()
+            process.wait()

@@ -12,7 +12,7 @@
 
 namespace {
 
-constexpr Index BLOCK_ROWS = 96, LAYERS = 3;
+constexpr Index BLOCK_ROWS = 192, LAYERS = 3;  // At most so many rows a block.
 
 struct Sizes {
     Index members, rows, shared, widths[LAYERS + 1];
@@ -153,14 +153,15 @@ class Network {
     }
 };
 
-// Calls `work` with the blocks of one of the threads that run this: always the same, so that sums are, too.
+// Calls `work` with the blocks of one of the threads that run this: always the same ones, so that sums are, too.
 template <class Work>
 void for_own_blocks(const Sizes& sizes, Work&& work) {
-    const Index blocks = (sizes.rows + BLOCK_ROWS - 1) / BLOCK_ROWS;
+    const Index blocks = round_up((sizes.rows + BLOCK_ROWS - 1) / BLOCK_ROWS, omp_get_num_threads()),
+                size = (sizes.rows + blocks - 1) / blocks;
 #pragma omp for schedule(static)
     for (Index part = 0; part < sizes.members * blocks; ++part) {
-        const Index row = part % blocks * BLOCK_ROWS;
-        work(Block{part / blocks, row, std::min(BLOCK_ROWS, sizes.rows - row)});
+        const Index row = part % blocks * size, rows = std::min(size, sizes.rows - row);
+        if (rows > 0) work(Block{part / blocks, row, rows});
     }
 }
 

@@ -12,7 +12,7 @@ from torch.autograd.function import once_differentiable
 
 from morphkit_rl.kernels.library import (
     STEP,
-    gradients_of_threads,
+    ThreadGradients,
     function,
     integers,
     pointer,
@@ -59,12 +59,12 @@ class _MLP(torch.autograd.Function):
         x, *rest = ctx.saved_tensors
         saved, parameters = rest[:2], rest[2:]
         x_gradient = x.new_empty(x.shape)
-        sums, shares = gradients_of_threads(parameters, any(ctx.needs_input_grad[2:]))
+        gradients = ThreadGradients(parameters, any(ctx.needs_input_grad[2:]))
         _call(
             "mlp_backward", x, parameters, ctx.precision,
-            pointers(saved), pointer(gradient.contiguous()), pointer(x_gradient), shares,
+            pointers(saved), pointer(gradient.contiguous()), pointer(x_gradient), gradients.pointers,
         )  # fmt: skip
-        return x_gradient, None, *sums()
+        return x_gradient, None, *gradients.add_up()
 
 
 def _forward(x: Tensor, parameters: Sequence[Tensor], precision: torch.dtype, saved: Sequence[Tensor]) -> Tensor:

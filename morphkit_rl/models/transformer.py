@@ -131,7 +131,7 @@ class CrossAttention(nn.Module):
 
 
 def read_tokens(probes: Tensor, memory: Tensor, spans: Spans, memory_spans: Spans) -> Tensor:
-    """softmax(p m^T) m of probes (batch, heads, queries, d_model) in memory (batch, tokens, d_model), robot by robot."""
+    """softmax(p m^T) m, robot by robot, of p (batch, heads, queries, d_model) and m (batch, tokens, d_model)."""
     if cross_attention.available(probes, memory, spans, memory_spans):
         return cross_attention.read(probes, memory, spans, memory_spans)
     batch, heads, _, width = probes.shape
