@@ -76,13 +76,17 @@ def integers(*values: int) -> ctypes.Array[ctypes.c_int64]:
 
 
 def pointer(tensor: Tensor) -> ctypes.c_void_p:
-    """Where a tensor's numbers lie."""
-    return ctypes.c_void_p(tensor.data_ptr())
+    """Where a tensor's numbers lie, for as long as this is kept."""
+    address = ctypes.c_void_p(tensor.data_ptr())
+    address.tensor = tensor  # type: ignore[attr-defined]
+    return address
 
 
 def pointers(tensors: Sequence[Tensor]) -> ctypes.Array[ctypes.c_void_p]:
-    """Where several tensors' numbers lie."""
-    return (ctypes.c_void_p * len(tensors))(*[tensor.data_ptr() for tensor in tensors])
+    """Where several tensors' numbers lie, for as long as this is kept."""
+    addresses = (ctypes.c_void_p * len(tensors))(*[tensor.data_ptr() for tensor in tensors])
+    addresses.tensors = tensors  # type: ignore[attr-defined]
+    return addresses
 
 
 class ThreadGradients:

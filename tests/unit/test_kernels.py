@@ -55,7 +55,14 @@ def assert_exact(
         given = [x.detach().to(dtype, copy=True).requires_grad_() for x in inputs]
         out = compute(own, *given)
         assert (out.grad_fn.name() == f"{operation}Backward") is (dtype != torch.float64)
-        weight = torch.arange(out.numel(), dtype=torch.float64).sin().view(out.shape).to(out.dtype)
+        columns = out.shape[::-1]  # A gradient that does not lie row by row.
+        weight = (
+            torch.arange(out.numel(), dtype=torch.float64)
+            .sin()
+            .view(columns)
+            .to(out.dtype)
+            .permute(*reversed(range(out.dim())))
+        )
         found.append([out.detach(), *torch.autograd.grad(out, [*given, *own.parameters()], weight)])
         with torch.no_grad():
             torch.testing.assert_close(compute(own, *given), out, atol=0, rtol=0)
