@@ -140,7 +140,8 @@ class Layer {
         });
         residual(own.mixed, OUT, block, in, own.y1);
         for (Index r = 0; r < rows; ++r)
-            normalize(own.y1 + r * width, width, get(NORM1, block), get(NORM1_BIAS, block), x1 + r * width);
+            normalize(moments(own.y1 + r * width, width), own.y1 + r * width, width, get(NORM1, block),
+                      get(NORM1_BIAS, block), x1 + r * width);
         bias = get(EXPAND_BIAS, block);
         apply(x1, EXPAND, block, [&](Index r, const float* values) {
             T* out = own.hidden + r * hidden;
@@ -151,8 +152,8 @@ class Layer {
         });
         residual(own.hidden, CONTRACT, block, x1, own.y2);
         for (Index r = 0; r < rows; ++r)
-            normalize(own.y2 + r * width, width, get(NORM2, block), get(NORM2_BIAS, block),
-                      result + (block.row + r) * width);
+            normalize(moments(own.y2 + r * width, width), own.y2 + r * width, width, get(NORM2, block),
+                      get(NORM2_BIAS, block), result + (block.row + r) * width);
     }
 
     // `packed` holds the transposed weights here. Gradients of parameters are added, unless their pointers are null.
@@ -166,19 +167,22 @@ class Layer {
         float* wide = scratch.wide.of<float>(width);
         for (Index r = 0; r < rows; ++r) {
             copy(result_gradient + (block.row + r) * width, width, wide);
-            normalize_backward(own.y2 + r * width, width, get(NORM2, block), wide, gradient(NORM2),
-                               gradient(NORM2_BIAS), y2 + r * width);
+            normalize_backward(moments(own.y2 + r * width, width), own.y2 + r * width, width, get(NORM2, block), wide,
+                               gradient(NORM2), gradient(NORM2_BIAS), y2 + r * width);
         }
         T* h = scratch.hidden_gradient.of<T>(rows * hidden);
         apply_transposed(y2, CONTRACT, block, [&](Index r, const float* values) {
             for (Index i = 0; i < hidden; i += LANES)
                 store(h + r * hidden + i, load(own.hidden + r * hidden + i) > 0 ? load(values + i) : all(0));
         });
-        T* y1 = scratch.gradient1.of<T>(rows * width);
+        T *y1 = scratch.gradient1.of<T>(rows * width), *x1 = scratch.x1.of<T>(rows * width);
         apply_transposed(h, EXPAND, block, [&](Index r, float* values) {
             add(y2 + r * width, width, values);
-            normalize_backward(own.y1 + r * width, width, get(NORM1, block), values, gradient(NORM1),
+            const T* row = own.y1 + r * width;
+            const Moments own_moments = moments(row, width);
+            normalize_backward(own_moments, row, width, get(NORM1, block), values, gradient(NORM1),
                                gradient(NORM1_BIAS), y1 + r * width);
+            if (gradients) normalize(own_moments, row, width, get(NORM1, block), get(NORM1_BIAS, block), x1 + r * width);
         });
         T* mixed = scratch.mixed_gradient.of<T>(rows * width);
         apply_transposed(y1, OUT, block, [&](Index r, const float* values) { copy(values, width, mixed + r * width); });
@@ -192,9 +196,6 @@ class Layer {
             copy(values, width, x_gradient + (block.row + r) * width);
         });
         if (!gradients) return;
-        T* x1 = scratch.x1.of<T>(rows * width);
-        for (Index r = 0; r < rows; ++r)
-            normalize(own.y1 + r * width, width, get(NORM1, block), get(NORM1_BIAS, block), x1 + r * width);
         weigh(own.hidden, y2, CONTRACT, rows, gradient(CONTRACT), gradient(CONTRACT_BIAS));
         weigh(x1, h, EXPAND, rows, gradient(EXPAND), gradient(EXPAND_BIAS));
         weigh(own.mixed, y1, OUT, rows, gradient(OUT), gradient(OUT_BIAS));

@@ -33,7 +33,7 @@ SWITCH = "MORPHKIT_KERNELS"
 STEP = 16
 """Widths of vectors that kernels compute on are multiples of this."""
 
-_SOURCES = ("encoder_layer.cpp", "cross_attention.cpp", "mlp.cpp")
+_SOURCES = ("encoder_layer.cpp", "cross_attention.cpp", "mlp.cpp", "norm.cpp")
 _HEADERS = ("product.h", "rows.h")
 _FLAGS = ("-std=c++17", "-O3", "-march=native", "-fPIC")
 _TIMEOUT_S = 60

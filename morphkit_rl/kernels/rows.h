@@ -60,17 +60,17 @@ Moments moments(const T* y, Index n) {
 }
 
 template <class T>
-void normalize(const T* y, Index n, const float* weight, const float* bias, T* out) {
-    const auto [mean, scale] = moments(y, n);
+void normalize(Moments moments, const T* y, Index n, const float* weight, const float* bias, T* out) {
+    const auto [mean, scale] = moments;
     for (Index i = 0; i < n; i += LANES)
         store(out + i, (load(y + i) - mean) * scale * load(weight + i) + load(bias + i));
 }
 
 // Gradient of y from that of norm(y); adds the gradients of weight and bias, unless they are null.
 template <class T>
-void normalize_backward(const T* y, Index n, const float* weight, const float* gradient, float* weight_gradient,
-                        float* bias_gradient, T* out) {
-    const auto [mean, scale] = moments(y, n);
+void normalize_backward(Moments moments, const T* y, Index n, const float* weight, const float* gradient,
+                        float* weight_gradient, float* bias_gradient, T* out) {
+    const auto [mean, scale] = moments;
     Floats sum = {}, along = {};
     for (Index i = 0; i < n; i += LANES) {
         const Floats g = load(gradient + i) * load(weight + i);

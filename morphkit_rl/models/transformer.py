@@ -13,7 +13,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from morphkit_rl.kernels import cross_attention, encoder_layer
+from morphkit_rl.kernels import cross_attention, encoder_layer, norm
 from morphkit_rl.models.blocks import MemberLinear, affine, first
 
 Spans = Sequence[slice]
@@ -34,6 +34,8 @@ class Norm(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Normalise the last axis; scale and shift stay float32 whatever `x` is."""
+        if norm.available(x):
+            return norm.norm(x, self.weight, self.bias)
         width = x.shape[-1:]
         weight, bias = (first(parameter, len(x)) for parameter in (self.weight, self.bias))
         if on_cpu(x):  # whose kernel takes float32 parameters beside a bfloat16 input

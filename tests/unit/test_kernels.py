@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from morphkit_rl.kernels import library
 from morphkit_rl.models.smp import MLP, Widths
-from morphkit_rl.models.transformer import EncoderLayer, read_tokens
+from morphkit_rl.models.transformer import EncoderLayer, Norm, read_tokens
 
 ERRORS = {torch.float32: 2e-6, torch.bfloat16: 0.1}
 compiled = pytest.mark.skipif(library.load() is None, reason="no C++ compiler, or a processor without AVX-512")
@@ -103,6 +103,16 @@ def test_reading_of_tokens(
         "_Read", nn.Module(), nn.Module(), lambda _, p, m: read_tokens(p, m, spans(queries), spans(tokens)),
         [probes.to(precision), memory.to(precision)], precision,
     )  # fmt: skip
+
+
+@compiled
+@pytest.mark.parametrize("shape", [(1, 3, 133, 128), (2, 5, 7, 32), (1, 1, 16)])
+def test_norms(shape: tuple[int, ...], precision: torch.dtype, threads: int) -> None:
+    torch.manual_seed(0)
+    network, double = (Norm(shape[0], shape[-1]) for _ in range(2))
+    assert_exact(
+        "_Norm", network, double, lambda own, x: own(x), [(3 * torch.randn(shape) + 1).to(precision)], precision
+    )
 
 
 @compiled
