@@ -25,6 +25,7 @@ from torch import Tensor, nn
 
 from morphkit.tokens import TokenSpec
 from morphkit_rl.config import ModelConfig
+from morphkit_rl.kernels import mlp
 from morphkit_rl.models.blocks import MemberLinear, affine, first
 from morphkit_rl.models.layout import Layout
 from morphkit_rl.models.limbs import check_children, check_limbs
@@ -62,6 +63,8 @@ class MLP(nn.Module):
 
     def forward(self, x: Tensor, weights: list[tuple[Tensor, Tensor | None]] | None = None) -> Tensor:
         """Map rows."""
+        if mlp.available(x, self.precision):
+            return mlp.mlp(x, list(self.parameters()), self.precision)
         hidden = x.to(self.precision)
         for number, (weight, bias) in enumerate(weights or self.weights()):
             hidden = F.relu(hidden) if number else hidden
@@ -121,7 +124,7 @@ class Down(nn.Module):
         """What each limb hears (limbs, batch, message), where limbs say something of `limbs` (limbs, batch, inputs)."""
         batch = limbs.shape[1]
         piece = limbs.new_zeros(len(tree.levels[0].children), batch, self.message)
-        pieces, weights = [piece], self.base.weights()
+        pieces, weights = [piece], None if mlp.available(limbs, self.base.precision) else self.base.weights()
         for level, deeper in zip(tree.levels, tree.levels[1:], strict=False):
             own = torch.tanh(torch.cat([limbs[level.limbs], piece], -1)[level.senders])
             said = F.normalize(self.base(own.view(1, -1, own.shape[-1]), weights), dim=-1)

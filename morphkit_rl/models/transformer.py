@@ -13,6 +13,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from morphkit_rl.kernels import cross_attention, encoder_layer, norm
 from morphkit_rl.models.blocks import MemberLinear, affine, check_heads, first
 
 Spans = Sequence[slice]
@@ -33,6 +34,8 @@ class Norm(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Normalise the last axis; scale and shift stay float32 whatever `x` is."""
+        if norm.available(x):
+            return norm.norm(x, self.weight, self.bias)
         width = x.shape[-1:]
         weight, bias = (first(parameter, len(x)) for parameter in (self.weight, self.bias))
         if on_cpu(x):  # whose kernel takes float32 parameters beside a bfloat16 input
@@ -123,16 +126,25 @@ class CrossAttention(nn.Module):
         )  # (heads, d_model, size)
         q = self.query(x.reshape(1, -1, width)).view(-1, heads, size).transpose(0, 1) * size**-0.5
         probes = torch.bmm(q, key.transpose(1, 2)).view(heads, own, queries, width).transpose(0, 1)
-        parts = []
-        for span, memory_span in zip(spans, memory_spans, strict=True):
-            tokens = memory[:, memory_span]
-            probe = probes[:, :, span].expand(batch, -1, -1, -1).reshape(batch, -1, width)
-            weights = torch.softmax(torch.bmm(probe, tokens.transpose(1, 2)), -1)
-            parts.append(torch.bmm(weights, tokens).view(batch, heads, -1, width))
-        read = torch.cat(parts, 2).transpose(0, 1).reshape(heads, batch * queries, width)
+        probes = probes.expand(batch, -1, -1, -1)
+        read = read_tokens(probes, memory, spans, memory_spans).transpose(0, 1).reshape(heads, batch * queries, width)
         assert self.value.bias is not None
         mixed = torch.bmm(read, value).transpose(0, 1).reshape(1, -1, width) + self.value.bias.to(x.dtype)
         return x + self.out(mixed).view(1, batch, queries, width)
+
+
+def read_tokens(probes: Tensor, memory: Tensor, spans: Spans, memory_spans: Spans) -> Tensor:
+    """softmax(p m^T) m, robot by robot, of p (batch, heads, queries, d_model) and m (batch, tokens, d_model)."""
+    if cross_attention.available(probes, memory, spans, memory_spans):
+        return cross_attention.read(probes, memory, spans, memory_spans)
+    batch, heads, _, width = probes.shape
+    parts = []
+    for span, memory_span in zip(spans, memory_spans, strict=True):
+        tokens = memory[:, memory_span]
+        probe = probes[:, :, span].reshape(batch, -1, width)
+        weights = torch.softmax(torch.bmm(probe, tokens.transpose(1, 2)), -1)
+        parts.append(torch.bmm(weights, tokens).view(batch, heads, -1, width))
+    return torch.cat(parts, 2)
 
 
 class EncoderLayer(nn.Module):
@@ -146,6 +158,11 @@ class EncoderLayer(nn.Module):
 
     def forward(self, x: Tensor, spans: Spans) -> Tensor:
         """Mix and map the tokens of each robot."""
+        attention, feedforward = self.attention, self.feedforward
+        if encoder_layer.available(x, spans, attention.heads, feedforward.expand.weight.shape[-1]):
+            parts = (attention.qkv, attention.out, feedforward.expand, feedforward.contract, self.norm1, self.norm2)
+            parameters = [parameter for part in parts for parameter in part.parameters()]
+            return encoder_layer.encoder_layer(x, spans, attention.heads, parameters)
         x = self.norm1(self.attention(x, spans))
         return self.norm2(self.feedforward(x))
 

@@ -1,0 +1,175 @@
+"""Compiles the kernels when they are first wanted, once a user and processor, and keeps them in the user's cache.
+
+Kernels only save time: without a compiler, or where anything else is missing, PyTorch's own operations do the same.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import logging
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from importlib import resources
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from morphkit_rl.text.cache import cache_folder
+
+logger = logging.getLogger(__name__)
+
+SWITCH = "MORPHKIT_KERNELS"
+"""Environment variable; `0` keeps to PyTorch's operations."""
+
+STEP = 16
+"""Widths of vectors that kernels compute on are multiples of this."""
+
+_SOURCES = ("encoder_layer.cpp", "cross_attention.cpp", "mlp.cpp", "norm.cpp")
+_HEADERS = ("product.h", "rows.h")
+_FLAGS = ("-std=c++17", "-O3", "-march=native", "-fPIC")
+_TIMEOUT_S = 60
+
+
+@functools.cache
+def load() -> ctypes.CDLL | None:
+    """The compiled kernels; None where they are switched off, or cannot be made or loaded."""
+    if os.environ.get(SWITCH) == "0" or not _suits_processor():
+        return None
+    try:
+        return _open()
+    except (OSError, ValueError, subprocess.SubprocessError) as error:
+        logger.info("computing without compiled kernels: %s", error)
+        return None
+
+
+@functools.cache
+def function(name: str, dtype: torch.dtype) -> Callable[..., None] | None:
+    """The kernel of that name for a precision; None where there is none."""
+    return getattr(load(), f"{name}_{str(dtype).removeprefix('torch.')}", None)
+
+
+def takes(x: Tensor, name: str, dtype: torch.dtype | None = None) -> bool:
+    """Whether the kernel can compute on `x`, in its own precision or that of `dtype`."""
+    return x.device.type == "cpu" and x.numel() > 0 and function(name, dtype or x.dtype) is not None
+
+
+def edges(spans: Sequence[slice], length: int) -> tuple[int, ...] | None:
+    """Where consecutive slices of a sequence begin, and its length; None where they are not all of it in order."""
+    found = (0, *(span.stop for span in spans))
+    fits = found[-1] == length and found[:-1] == tuple(span.start for span in spans) and list(found) == sorted({*found})
+    return found if fits else None
+
+
+@functools.lru_cache(maxsize=256)
+def integers(*values: int) -> ctypes.Array[ctypes.c_int64]:
+    """The numbers as an array that a kernel reads."""
+    return (ctypes.c_int64 * len(values))(*values)
+
+
+def pointer(tensor: Tensor) -> ctypes.c_void_p:
+    """Where a tensor's numbers lie, for as long as this is kept."""
+    address = ctypes.c_void_p(tensor.data_ptr())
+    address.tensor = tensor  # type: ignore[attr-defined]
+    return address
+
+
+def pointers(tensors: Sequence[Tensor]) -> ctypes.Array[ctypes.c_void_p]:
+    """Where several tensors' numbers lie, for as long as this is kept."""
+    addresses = (ctypes.c_void_p * len(tensors))(*[tensor.data_ptr() for tensor in tensors])
+    addresses.tensors = tensors  # type: ignore[attr-defined]
+    return addresses
+
+
+class ThreadGradients:
+    """Gradients of parameters, to which each thread adds its own.
+
+    Args:
+        parameters: Float32 tensors.
+        wanted: Whether there is anything to do.
+
+    Attributes:
+        pointers: Where each thread's gradient of each parameter lies; None where they are not wanted.
+    """
+
+    def __init__(self, parameters: Sequence[Tensor], wanted: bool):
+        self._parameters = parameters
+        self._sizes = [parameter.numel() for parameter in parameters]
+        self._sums = torch.zeros(torch.get_num_threads(), sum(self._sizes)) if wanted else None
+        self.pointers = None
+        if self._sums is not None:
+            self.pointers = pointers([share for thread in self._sums for share in thread.split(self._sizes)])
+
+    def add_up(self) -> list[Tensor | None]:
+        """The gradients; None for each where they are not wanted."""
+        if self._sums is None:
+            return [None for _ in self._parameters]
+        sums = self._sums[0] if len(self._sums) == 1 else self._sums.sum(0)
+        return [g.view_as(p) for g, p in zip(sums.split(self._sizes), self._parameters, strict=True)]
+
+
+def _suits_processor() -> bool:
+    return platform.system() == "Linux" and torch.backends.cpu.get_cpu_capability() == "AVX512"
+
+
+def _open() -> ctypes.CDLL:
+    """The library, from the cache or just made."""
+    compiler = shlex.split(os.environ.get("CXX", "")) or [shutil.which("g++") or shutil.which("c++") or ""]
+    if not shutil.which(compiler[0]):
+        raise FileNotFoundError("there is no C++ compiler")
+    package = resources.files(__package__)
+    texts = {name: package.joinpath(name).read_bytes() for name in (*_SOURCES, *_HEADERS)}
+    processor = Path("/proc/cpuinfo").read_text().partition("\n\n")[0].splitlines()
+    native = [line for line in processor if line.startswith(("model name", "flags"))]
+    key = hashlib.sha256(b"\0".join([*texts.values(), *map(str.encode, (*native, *compiler, *_FLAGS))])).hexdigest()
+    name = f"kernels-{key[:16]}.so"
+    try:
+        file = cache_folder() / name
+        if not file.is_file():
+            file.parent.mkdir(parents=True, exist_ok=True)
+            _compile(compiler, texts, file)
+        return ctypes.CDLL(str(file))
+    except OSError:  # Nothing can be kept there, or it was damaged: make it for this process.
+        with tempfile.TemporaryDirectory(prefix="morphkit-") as folder:
+            _compile(compiler, texts, Path(folder) / name)
+            return ctypes.CDLL(str(Path(folder) / name))
+
+
+def _compile(compiler: Sequence[str], texts: dict[str, bytes], file: Path) -> None:
+    """Make the library beside `file` and move it there, so that nobody ever sees a part of it."""
+    with tempfile.TemporaryDirectory(prefix="kernels-", dir=file.parent) as name:
+        folder = Path(name)
+        for source, text in texts.items():
+            (folder / source).write_bytes(text)
+        # OpenMP's own library is not linked: its functions must be those that PyTorch has loaded.
+        _run([[*compiler, *_FLAGS, "-fopenmp", "-c", source] for source in _SOURCES], folder)
+        objects = [f"{Path(source).stem}.o" for source in _SOURCES]
+        _run([[*compiler, "-shared", *objects, "-o", file.name]], folder)
+        (folder / file.name).replace(file)
+
+
+def _run(commands: Sequence[Sequence[str]], folder: Path) -> None:
+    """Run commands side by side.
+
+    Raises:
+        subprocess.SubprocessError: One failed, or they took too long.
+    """
+    deadline = time.monotonic() + _TIMEOUT_S
+    quiet = subprocess.DEVNULL
+    running = [subprocess.Popen(c, cwd=folder, stdin=quiet, stdout=quiet, stderr=quiet) for c in commands]
+    try:
+        for process in running:
+            if process.wait(max(deadline - time.monotonic(), 0)):
+                raise subprocess.CalledProcessError(process.returncode, process.args)
+    finally:
+        for process in running:
+            process.kill()
+            process.wait()

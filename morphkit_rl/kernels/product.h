@@ -1,0 +1,194 @@
+// Matrix products of blocks that fit into a core's cache, in float32 or bfloat16 with float32 sums.
+//
+// a is read in words: a float, or two bfloat16 that are neighbours along the inner axis, which the processor multiplies
+// and adds in one step. b is packed in panels of PANEL columns, so that a step of the inner loop reads one stretch of it.
+
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
+#include <memory>
+#include <utility>
+
+#include <immintrin.h>
+
+using Index = std::ptrdiff_t;
+
+constexpr Index LANES = 16, TILE_ROWS = 6, TILE_VECTORS = 4;  // 24 of the 32 registers hold sums.
+constexpr Index PANEL = LANES * TILE_VECTORS;
+typedef float Floats __attribute__((vector_size(4 * LANES), may_alias));
+typedef std::int32_t Integers __attribute__((vector_size(4 * LANES), may_alias));
+
+struct bfloat16 {
+    std::uint16_t bits;
+};
+
+inline Floats load(const float* x) { return (Floats)_mm512_loadu_ps(x); }
+inline void store(float* out, Floats x) { _mm512_storeu_ps(out, (__m512)x); }
+inline Floats load(const bfloat16* x) {
+    return (Floats)_mm512_slli_epi32(_mm512_cvtepu16_epi32(_mm256_loadu_si256((const __m256i*)x)), 16);
+}
+#ifdef __AVX512BF16__
+inline void store(bfloat16* out, Floats x) { _mm256_storeu_si256((__m256i*)out, (__m256i)_mm512_cvtneps_pbh((__m512)x)); }
+#endif
+
+inline Floats all(float x) { return (Floats)_mm512_set1_ps(x); }
+inline float total(Floats x) { return _mm512_reduce_add_ps((__m512)x); }
+inline float greatest(Floats x) { return _mm512_reduce_max_ps((__m512)x); }
+
+template <class T>
+struct Words;
+template <>
+struct Words<float> {
+    using type = float;
+    static constexpr Index size = 1;  // Numbers in a word.
+};
+template <>
+struct Words<bfloat16> {
+    using type = std::uint32_t;
+    static constexpr Index size = 2;
+};
+template <class T>
+using Word = typename Words<T>::type;
+
+inline Index round_up(Index n, Index step) { return (n + step - 1) / step * step; }
+template <class T>
+inline Index words(Index n) { return (n + Words<T>::size - 1) / Words<T>::size; }
+template <class T>
+inline Index packed_size(Index k, Index n) { return words<T>(k) * round_up(n, PANEL); }
+template <class T>
+inline const Word<T>* as_words(const T* x) { return reinterpret_cast<const Word<T>*>(x); }
+
+// Memory of a thread, aligned for vectors, that only grows.
+class Buffer {
+  public:
+    template <class T>
+    T* of(Index count) {
+        const Index bytes = round_up(count * Index(sizeof(T)) + 64, 64);
+        if (bytes > bytes_) {
+            memory_.reset(std::aligned_alloc(64, bytes));
+            if (!memory_) throw std::bad_alloc();
+            bytes_ = bytes;
+        }
+        return static_cast<T*>(memory_.get());
+    }
+
+  private:
+    struct Free {
+        void operator()(void* memory) const { std::free(memory); }
+    };
+    std::unique_ptr<void, Free> memory_;
+    Index bytes_ = 0;
+};
+
+inline float word(const float* x, const float* = nullptr) { return *x; }
+inline std::uint32_t word(const bfloat16* x, const bfloat16* next) { return x->bits | std::uint32_t(next->bits) << 16; }
+inline std::uint32_t word(const bfloat16* x) { return x->bits; }
+
+// out[i * step + j]: word i of column j of x (k rows, n columns).
+template <class T>
+void interleave(const T* __restrict x, Index ld, Index k, Index n, Word<T>* __restrict out, Index step) {
+    Index i = 0;
+    for (; i < k / Words<T>::size; ++i, x += Words<T>::size * ld)
+#pragma omp simd
+        for (Index j = 0; j < n; ++j) out[i * step + j] = word(x + j, x + ld + j);
+    if (i < words<T>(k))
+        for (Index j = 0; j < n; ++j) out[i * step + j] = word(x + j);
+}
+
+// Panels of b = x (k rows, n columns); columns up to the next multiple of LANES are zeros.
+template <class T>
+void pack(const T* x, Index ld, Index k, Index n, Word<T>* out) {
+    for (Index j = 0; j < n; j += PANEL, out += words<T>(k) * PANEL) {
+        const Index width = std::min(PANEL, n - j);
+        interleave(x + j, ld, k, width, out, PANEL);
+        for (Index i = 0; width % LANES && i < words<T>(k); ++i)
+            std::fill(out + i * PANEL + width, out + i * PANEL + round_up(width, LANES), Word<T>());
+    }
+}
+
+// Swaps rows and columns of 16 x 16 words: in each step, of the blocks of half the size.
+inline void transpose(__m512i rows[LANES]) {
+    const Integers lane = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+#pragma GCC unroll 4
+    for (int size = LANES / 2; size; size /= 2) {
+        const Integers kept = lane & ~size, upper = (lane & size) != 0;  // Lanes from 16 on mean the second operand.
+        const __m512i first = (__m512i)(kept + (upper & LANES)), second = (__m512i)(kept + size + (upper & LANES));
+#pragma GCC unroll 16
+        for (int i = 0; i < LANES; ++i)
+            if (!(i & size)) {
+                const __m512i a = rows[i], b = rows[i + size];
+                rows[i] = _mm512_permutex2var_epi32(a, first, b);
+                rows[i + size] = _mm512_permutex2var_epi32(a, second, b);
+            }
+    }
+}
+
+// Panels of b = x^T (x has n rows and k columns, a whole number of words).
+template <class T>
+void pack_transposed(const T* x, Index ld, Index k, Index n, Word<T>* out) {
+    for (Index j = 0; j < n; j += LANES) {
+        Word<T>* panel = out + j / PANEL * words<T>(k) * PANEL + j % PANEL;
+        for (Index i = 0; i < words<T>(k); i += LANES) {
+            const Index width = std::min(LANES, words<T>(k) - i);
+            __m512i rows[LANES];
+#pragma GCC unroll 16
+            for (int c = 0; c < LANES; ++c)
+                rows[c] = j + c < n ? _mm512_maskz_loadu_epi32((1 << width) - 1, as_words(x + (j + c) * ld) + i)
+                                    : _mm512_setzero_si512();
+            transpose(rows);
+            for (int c = 0; c < width; ++c) _mm512_storeu_si512(panel + (i + c) * PANEL, rows[c]);
+        }
+    }
+}
+
+inline Floats multiply_add(Floats sum, float a, const float* b) { return sum + a * *reinterpret_cast<const Floats*>(b); }
+#ifdef __AVX512BF16__
+inline Floats multiply_add(Floats sum, std::uint32_t a, const std::uint32_t* b) {
+    return (Floats)_mm512_dpbf16_ps((__m512)sum, (__m512bh)_mm512_set1_epi32(int(a)), (__m512bh)_mm512_load_si512(b));
+}
+#endif
+
+// c (M rows, V vectors) = a b over k words; a's words lie `row` apart from row to row, `step` along the inner axis.
+template <class W, int M, int V>
+void tile(Index k, const W* __restrict a, Index row, Index step, const W* __restrict b, float* __restrict c, Index ld) {
+    Floats sum[M][V] = {};
+    for (Index i = 0; i < k; ++i, a += step, b += PANEL)
+#pragma GCC unroll 8
+        for (int m = 0; m < M; ++m)
+#pragma GCC unroll 8
+            for (int v = 0; v < V; ++v) sum[m][v] = multiply_add(sum[m][v], a[m * row], b + v * LANES);
+#pragma GCC unroll 8
+    for (int m = 0; m < M; ++m)
+#pragma GCC unroll 8
+        for (int v = 0; v < V; ++v) *reinterpret_cast<Floats*>(c + m * ld + v * LANES) = sum[m][v];
+}
+
+template <class W>
+using Tile = void (*)(Index, const W*, Index, Index, const W*, float*, Index);
+
+template <class W, int... I>
+Tile<W> choose_tile(Index rows, Index vectors, std::integer_sequence<int, I...>) {
+    static constexpr Tile<W> tiles[] = {tile<W, I / TILE_VECTORS + 1, I % TILE_VECTORS + 1>...};
+    return tiles[(rows - 1) * TILE_VECTORS + vectors - 1];
+}
+
+// Gives each row of a b (m rows, n columns, k words) to `finish(row, values)`, as soon as it is there.
+template <class W, class Finish>
+void product(Index m, Index n, Index k, const W* a, Index row, Index step, const W* b, Finish&& finish) {
+    thread_local Buffer buffer;
+    const Index ld = round_up(n, LANES);
+    float* c = buffer.of<float>(TILE_ROWS * ld);
+    for (Index i = 0; i < m; i += TILE_ROWS) {
+        const Index rows = std::min(TILE_ROWS, m - i);
+        for (Index j = 0; j < n; j += PANEL) {
+            const Index vectors = std::min(TILE_VECTORS, (n - j + LANES - 1) / LANES);
+            choose_tile<W>(rows, vectors, std::make_integer_sequence<int, TILE_ROWS * TILE_VECTORS>())(
+                k, a + i * row, row, step, b + j * k, c + j, ld);
+        }
+        for (Index r = 0; r < rows; ++r) finish(i + r, c + r * ld);
+    }
+}
