@@ -25,14 +25,14 @@ class Defaults:
 
     def get(self, element: Any, attribute: str, fallback: str) -> str:
         """The value of `attribute` that counts: the element's own, its class's, a higher class's, or `fallback`."""
-        own = element.get(attribute)
-        if own is not None:
+        own = element.get(attribute, "").strip()  # one without a word counts as one that is not there
+        if own:
             return str(own)
         name: str | None = element.get("class") or inherited_class(element) or self._main
         while name is not None:
             for section in reversed(self._classes.get(name, [])):
                 found = section.find(element.tag)
-                if found is not None and found.get(attribute) is not None:
+                if found is not None and found.get(attribute, "").strip():
                     return str(found.get(attribute))
             name = self._parent.get(name)
         return fallback

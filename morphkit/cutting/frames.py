@@ -67,7 +67,7 @@ class Angles:
 
     def pose(self, element: Any) -> Pose:
         """The pose that the attributes of an MJCF body or frame give."""
-        position = numbers(element.get("pos", "0 0 0"))
+        position = numbers(_given(element, "pos") or "0 0 0")
         return Pose(position, self.rotation(element))
 
     def rotation(self, element: Any) -> np.ndarray:
@@ -76,7 +76,7 @@ class Angles:
         Raises:
             AblationError: It gives none, such as a turn about an axis of length 0.
         """
-        attribute = next((name for name in _ORIENTATIONS if element.get(name) is not None), None)
+        attribute = next((name for name in _ORIENTATIONS if _given(element, name)), None)
         if attribute is None:
             return np.array([1.0, 0.0, 0.0, 0.0])
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -104,6 +104,11 @@ class Angles:
         else:
             mujoco.mju_quatZ2Vec(quat, values)
         return quat
+
+
+def _given(element: Any, attribute: str) -> str:
+    """What an attribute holds; MuJoCo takes one without a word for one that is not there."""
+    return str(element.get(attribute, "")).strip()
 
 
 def write_mjcf(element: Any, pose: Pose, *, keep_orientation: bool) -> None:

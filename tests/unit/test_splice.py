@@ -12,6 +12,7 @@ from morphkit.description import Description
 from morphkit.errors import AblationError
 from morphkit.io import read
 from morphkit.robots import load
+from morphkit.simulation import compile_plain
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -158,3 +159,17 @@ def test_splice_refuses_to_lose_a_scale(turn):
     assert source != JOINT_IN_FRAME
     with pytest.raises(AblationError, match="a <frame> with a scale"):
         ablate(mjcf(source), splice=["middle"])
+
+
+def test_attributes_without_a_word_count_as_if_they_were_not_there():
+    source = b"""<mujoco><worldbody><body name="base"><geom size="1"/>
+  <body name="arm" pos="0 0 1" quat=""><joint pos=""/><geom size="1"/>
+    <body name="hand" pos="" euler=" "><joint pos=""/><geom size="1"/></body></body>
+</body></worldbody></mujoco>"""
+    plain = source.replace(b' quat=""', b"").replace(b' pos=""', b"").replace(b' euler=" "', b"")
+    models = [
+        compile_plain(ablate(Description("r", "r.xml", "mjcf", text), splice=["arm"]).description)
+        for text in (source, plain)
+    ]
+    np.testing.assert_array_equal(models[0].body_pos, models[1].body_pos)
+    np.testing.assert_array_equal(models[0].body("hand").pos, [0, 0, 1])
