@@ -43,7 +43,7 @@ LIMBS = ("torso", "bthigh", "bshin", "bfoot", "fthigh", "fshin", "ffoot")
 PARENTS = (-1, 0, 1, 2, 0, 4, 5)
 SCALARS = 19
 MODEL = ModelConfig(d_model=128, layers=3, heads=2, feedforward=256, code_size=96, token_size=32, message_size=32)
-TOY = ModelConfig(d_model=8, layers=1, heads=1, feedforward=8, code_size=4, token_size=4, message_size=4)
+TOY = ModelConfig(d_model=16, layers=1, heads=1, feedforward=16, code_size=4, token_size=4, message_size=4)
 EMBEDDING = {"ma-bert": 768, "anymorph": 32}
 RATE = {"ma-bert": 5e-5, "anymorph": 5e-5, "amorpheus": 1e-4, "smp": 1e-4}
 TAU, NOISE, CLIP, DISCOUNT = 0.046, 0.2, 0.5, 0.99
