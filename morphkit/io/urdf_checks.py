@@ -20,6 +20,19 @@ _NUMBERS = {
     "mimic": {"multiplier": 1, "offset": 1},
 }
 
+XACRO_DEFINITIONS = ("property", "arg", "macro", "include")
+_XACRO = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}", "xacro:")
+
+
+def is_xacro(element: etree._Element) -> bool:
+    """Whether an element is meant for xacro."""
+    return isinstance(element.tag, str) and element.tag.startswith(_XACRO)
+
+
+def xacro_name(element: etree._Element) -> str:
+    """Name of such an element without `xacro:`; of others, their tag."""
+    return str(element.tag).rpartition("}")[2].removeprefix("xacro:")
+
 
 def check_urdf(tree: etree._ElementTree, *, file: str) -> tuple[str, ...]:
     """Check links, joints and numbers, and return the names of the links without a parent, in file order.
@@ -27,12 +40,18 @@ def check_urdf(tree: etree._ElementTree, *, file: str) -> tuple[str, ...]:
     Links and joints all have names of their own; see `urdf_names.name_elements`.
 
     Raises:
-        DescriptionError: A joint refers to a link that does not exist, a link has two parents, links form a cycle, or a
-            number is none.
+        DescriptionError: xacro has not expanded a macro, a joint refers to a link that does not exist, a link has two
+            parents, links form a cycle, or a number is none.
     """
     root = tree.getroot()
     links = {link.get("name") or "": link for link in root.iterchildren("link")}
     joints = {joint.get("name") or "": joint for joint in root.iterchildren("joint")}
+    for element in root:
+        if is_xacro(element) and xacro_name(element) not in XACRO_DEFINITIONS:
+            raise DescriptionError(
+                f"{file}:{element.sourceline}: <xacro:{xacro_name(element)}> stands for elements that are missing; let "
+                "the file's name end in .xacro, or expand it first: xacro robot.urdf.xacro > robot.urdf"
+            )
     if not links:
         raise DescriptionError(f"{file}:{root.sourceline}: no <link> in <robot>; a robot needs at least one")
     parent_of: dict[str, str] = {}

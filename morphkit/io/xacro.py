@@ -16,6 +16,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from morphkit.errors import ConfigError, DependencyError, DescriptionError, UnknownNameError
+from morphkit.io import xml
 from morphkit.io.common import nearest
 
 LIMIT_S = 30
@@ -36,7 +37,7 @@ def expand(path: Path, packages: Mapping[str, Path], arguments: Mapping[str, str
 
     Raises:
         DependencyError: The library is not installed.
-        DescriptionError: The file cannot be expanded; the message is the library's.
+        DescriptionError: The file is larger than 64 MiB or cannot be expanded; the message is the library's.
         UnknownNameError: The file has no argument of such a name; the message lists those that it has.
     """
     if importlib.util.find_spec("xacro") is None:
@@ -44,6 +45,7 @@ def expand(path: Path, packages: Mapping[str, Path], arguments: Mapping[str, str
             f"{path}: is a xacro file, and the library that expands it is not installed: pip install 'morphkit[xacro]'."
             f" Or expand it elsewhere: xacro {path.name} > {path.name.removesuffix('.xacro')}"
         )
+    xml.read_limited(path)  # what is too large for a reader is too large for the library
     request = json.dumps([str(path), {name: str(folder) for name, folder in packages.items()}, {**arguments}])
     try:
         done = subprocess.run(

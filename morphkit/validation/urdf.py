@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from morphkit.io.common import nearest
-from morphkit.io.urdf_checks import JOINT_TYPES
+from morphkit.io.urdf_checks import JOINT_TYPES, XACRO_DEFINITIONS, is_xacro, xacro_name
 from morphkit.validation.common import index_names, read_numbers, shorten, unknown
 from morphkit.validation.document import Document, elements
 
-_XACRO_DEFINITIONS = ("property", "arg", "macro", "include")
-_XACRO = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}", "xacro:")
 _OWN = ("robot", "link", "joint", "mesh", "origin", "parent", "child", "mass", "inertia", "limit")
 _FEW = 8
 
@@ -186,24 +184,20 @@ def _check_materials(doc: Document) -> None:
             doc.add("asset-unused", material, what, name=material.get("name") or "")
 
 
-def _xacro_name(element: Any) -> str:
-    return str(element.tag).rpartition("}")[2].removeprefix("xacro:")
-
-
 def check_xacro(doc: Document) -> None:
     """Report what xacro should have expanded."""
     for element in doc.root.iter():
         if not isinstance(element.tag, str):
             continue
-        if element.tag.startswith(_XACRO):
-            name = _xacro_name(element)
-            if any(_xacro_name(above) == "macro" for above in element.iterancestors()):
+        if is_xacro(element):
+            name = xacro_name(element)
+            if any(xacro_name(above) == "macro" for above in element.iterancestors()):
                 continue  # part of a definition
-            if name in _XACRO_DEFINITIONS:
+            if name in XACRO_DEFINITIONS:
                 doc.add("xacro-leftover", element, f"<xacro:{name}> is left over")
             else:
                 doc.add("xacro-unexpanded", element, f"<xacro:{name}> stands for elements that are missing")
-        elif not any(above.tag.startswith(_XACRO) for above in element.iterancestors()):
+        elif not any(is_xacro(above) for above in element.iterancestors()):
             for key, value in element.attrib.items():
                 if "${" in value or ("$(" in value and "$(find" not in value and element.tag in _OWN):
                     doc.add("xacro-unexpanded", element, f'{key}="{shorten(value)}" in <{element.tag}>')

@@ -124,6 +124,20 @@ ARGUMENTS = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
 """
 
 
+def test_macros_that_were_not_expanded_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "r.urdf").write_text(XACRO.format(package="bot", x="1"))
+    with pytest.raises(DescriptionError, match=r"r\.urdf:\d+: <xacro:leg> stands for elements that are missing"):
+        read(load(tmp_path / "r.urdf"))
+
+
+def test_xacro_files_are_limited_in_size(tmp_path: Path) -> None:
+    pytest.importorskip("xacro")
+    with (tmp_path / "r.xacro").open("wb") as file:
+        file.truncate(65 * 2**20)
+    with pytest.raises(DescriptionError, match="65 MiB of XML, more than the limit"):
+        load(tmp_path / "r.xacro")
+
+
 def test_xacro_arguments(tmp_path: Path) -> None:
     pytest.importorskip("xacro")
     (tmp_path / "r.xacro").write_text(ARGUMENTS)
