@@ -130,7 +130,11 @@ def test_stl_with_more_than_its_triangles(tmp_path: Path) -> None:
     assert load_mesh(tmp_path / "t.stl").extents.tolist() == [1, 2, 3]
 
 
-def test_macros_that_were_not_expanded_are_refused() -> None:
-    text = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="world"/><xacro:arm/></robot>'
-    with pytest.raises(DescriptionError, match="xacro macro"):
+@pytest.mark.parametrize(
+    ("rest", "reason"),
+    [("<xacro:arm/>", "<xacro:arm> stands for elements that are missing"), ("", "xacro macro may stand for the rest")],
+)
+def test_macros_that_were_not_expanded_are_refused(rest: str, reason: str) -> None:
+    text = f'<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="world"/>{rest}</robot>'
+    with pytest.raises(DescriptionError, match=reason):
         convert(Description("r", "r.urdf", "urdf", text.encode()))
