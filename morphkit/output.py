@@ -24,6 +24,17 @@ _RENAME_EXCHANGE = 2
 _SUFFIX = ".morphkit"
 _LOCK, _UNLOCKED, _CONTENT, _OLD = "lock", "unlocked", "content", "old"
 _SIGNING_S = 60.0  # Longer than any process needs from making a stage to locking it.
+_held: set[int] = set()  # descriptors of the locks of this process
+
+
+def _leave_locks_to_the_parent() -> None:
+    """Close inherited locks: a worker that outlives its killed parent must not keep the parent's stage."""
+    while _held:
+        os.close(_held.pop())
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_leave_locks_to_the_parent)
 
 
 @contextmanager
@@ -70,7 +81,8 @@ def stage(place: Path) -> Iterator[Path]:
     finally:
         if own is not None:
             _remove(own)
-        if lock is not None:
+        if lock in _held:
+            _held.remove(lock)
             os.close(lock)
         for parent in reversed(made):
             if not any(parent.iterdir()):
@@ -157,9 +169,10 @@ def _sign(place: Path) -> bytes:
 
 
 def _lock(own: Path, place: Path) -> int:
-    """Sign a stage and lock it as long as this process and those forked from it live; return what holds the lock."""
+    """Sign a stage and lock it as long as this process lives; return what holds the lock."""
     unlocked = own / _UNLOCKED
     descriptor = os.open(unlocked, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
+    _held.add(descriptor)
     try:
         os.write(descriptor, _sign(place))
         if os.name == "posix":
@@ -169,6 +182,7 @@ def _lock(own: Path, place: Path) -> int:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         unlocked.rename(own / _LOCK)  # Under this name it is never seen unlocked while this process lives.
     except BaseException:
+        _held.discard(descriptor)
         os.close(descriptor)
         raise
     return descriptor

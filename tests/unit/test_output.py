@@ -224,6 +224,33 @@ def test_only_what_is_surely_left_goes(tmp_path: Path) -> None:
     assert (tmp_path / ".out-mine.morphkit" / "precious").read_text() == "x"
 
 
+def test_a_process_that_outlives_its_killed_parent_keeps_no_stage(tmp_path: Path) -> None:
+    place = tmp_path / "out"
+    heard, said = os.pipe()
+    until, end = os.pipe()
+    parent = os.fork()
+    if parent == 0:
+        with stage(place):
+            if os.fork() == 0:
+                os.close(end)
+                os.write(said, b"child")
+                os.read(until, 1)
+                os._exit(0)
+            os.write(said, b"parent")
+            signal.pause()
+    words = b""
+    while len(words) < len(b"childparent"):
+        words += os.read(heard, 100)
+    clear_leftovers(place)
+    assert len(hidden(tmp_path)) == 1
+    os.kill(parent, signal.SIGKILL)
+    os.waitpid(parent, 0)
+    clear_leftovers(place)
+    assert not hidden(tmp_path)
+    for pipe in (heard, said, until, end):
+        os.close(pipe)
+
+
 def write_and_wait(place: Path) -> None:
     with stage(place) as own:
         for number in range(20):
