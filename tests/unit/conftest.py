@@ -4,6 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from morphkit.conversion import Conversion, convert, write_conversion
+from morphkit.robots import load
+
 
 @pytest.fixture(scope="session")
 def tiny_bert(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -43,3 +46,20 @@ def tiny_bert(tmp_path_factory: pytest.TempPathFactory) -> Path:
     BertModel(config).save_pretrained(folder)
     BertTokenizerFast.from_pretrained(folder).save_pretrained(folder)
     return folder
+
+
+@pytest.fixture(scope="module")
+def everything(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A URDF with every kind of joint and mesh."""
+    from everything_urdf import robot
+
+    return robot(tmp_path_factory.mktemp("robot"))
+
+
+@pytest.fixture(scope="module")
+def converted(everything: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Conversion, Path]:
+    """That URDF as MJCF, and the file that it was written to."""
+    path = tmp_path_factory.mktemp("out") / "out.xml"
+    conversion = convert(load(everything))
+    write_conversion(conversion, path)
+    return conversion, path
