@@ -113,16 +113,9 @@ def ablate(
     _check_usage(wish, mirror=mirror, every=every, skip_mirrored=skip_mirrored, name=name)
 
     from morphkit.ablation import Cutter
-    from morphkit.io.packages import parse_packages
-    from morphkit.robots import load
     from morphkit.writing import write_family
 
-    description = load(
-        robot,
-        root=root,
-        packages=parse_packages(package or []),
-        xacro_args=common.xacro_arguments(xacro_arg, robot)[robot],
-    )
+    (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg)
     cutter = Cutter(description)
     source, notes = cutter.description, list[str]()
     check, drop = compiled and not dry_run, not keep_assets

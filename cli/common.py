@@ -119,6 +119,18 @@ def duration(seconds: float) -> str:
     return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
 
 
+def load_robots(
+    *robots: str, root: str | None, package: Sequence[str] | None, xacro_arg: Sequence[str] | None
+) -> list[Description]:
+    """Load each of `robots` as `morphkit.robots.load` does, with the options of a command."""
+    from morphkit.io.packages import parse_packages
+    from morphkit.robots import load
+
+    packages = parse_packages(package or ())
+    arguments = xacro_arguments(xacro_arg, *robots)
+    return [load(robot, root=root, packages=packages, xacro_args=arguments[robot]) for robot in robots]
+
+
 def load_bodies(targets: Sequence[str], xacro_args: Sequence[str] | None = None) -> list[Description]:
     """Load every body that the targets name: shipped robots, files, folders of files and manifests.
 

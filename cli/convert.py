@@ -53,16 +53,9 @@ def convert(
     from morphkit.conversion import convert as convert_description
     from morphkit.conversion import write_conversion
     from morphkit.conversion.writing import check_target
-    from morphkit.io.packages import parse_packages
-    from morphkit.robots import load
 
     check_target(output, force=force)
-    description = load(
-        robot,
-        root=root,
-        packages=parse_packages(package or []),
-        xacro_args=common.xacro_arguments(xacro_arg, robot)[robot],
-    )
+    (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg)
     conversion = convert_description(description, base=base, floor=floor)
     written = write_conversion(conversion, output, force=force)
     if as_json:

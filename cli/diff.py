@@ -35,12 +35,8 @@ def diff(
     did.
     """
     from morphkit.comparison import compare
-    from morphkit.io.packages import parse_packages
-    from morphkit.robots import load
 
-    packages = parse_packages(package or [])
-    arguments = common.xacro_arguments(xacro_arg, first, second)
-    a, b = (load(robot, root=root, packages=packages, xacro_args=arguments[robot]) for robot in (first, second))
+    a, b = common.load_robots(first, second, root=root, package=package, xacro_arg=xacro_arg)
     comparison = compare(a, b, tolerance=tolerance)
     for robot, facts in ((first, comparison.first), (second, comparison.second)):
         for note in facts.notes:

@@ -52,15 +52,7 @@ def show(
     if port is not None and not web:
         raise common.UsageError("--port belongs to --web.")
 
-    from morphkit.io.packages import parse_packages
-    from morphkit.robots import load
-
-    description = load(
-        robot,
-        root=root,
-        packages=parse_packages(package or []),
-        xacro_args=common.xacro_arguments(xacro_arg, robot)[robot],
-    )
+    (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg)
     if png is not None:
         _draw(description, png)
     if gif is not None:

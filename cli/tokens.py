@@ -70,17 +70,10 @@ def tokens(
     """
     from morphkit.declared import without_scalars
     from morphkit.io import read
-    from morphkit.io.packages import parse_packages
-    from morphkit.robots import load
     from morphkit.token_selection import take_quantities
     from morphkit.tokens import tokens as make_tokens
 
-    description = load(
-        robot,
-        root=root,
-        packages=parse_packages(package or []),
-        xacro_args=common.xacro_arguments(xacro_arg, robot)[robot],
-    )
+    (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg)
     morphology = read(description)
     spec = make_tokens(
         morphology,
