@@ -11,7 +11,7 @@ import numpy as np
 
 from morphkit.description import Description
 from morphkit.errors import ConfigError
-from morphkit.io import xml
+from morphkit.io.urdf import drive_limits
 from morphkit.morphology import Actuator, Base
 
 FLOOR_NAME = "morphkit_floor"
@@ -60,30 +60,16 @@ def settle_urdf(spec: mujoco.MjSpec, description: Description) -> None:
     drives it at its velocity limit. The robot's geoms collide with the floor but not with each other: a
     URDF does not say which links may touch, and neighbours often overlap.
     """
-    limits = _drive_limits(description)
+    limits = drive_limits(description)
     spec.option.timestep = URDF_TIMESTEP_S
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     for joint in spec.joints:
         joint.armature = max(joint.armature, URDF_ARMATURE)
         if not np.any(joint.damping):
-            effort, speed = limits.get(joint.name, (0.0, 0.0))
-            joint.damping = [URDF_DAMPING, 0, _cubic_damping(effort, speed, joint.armature)]
+            effort, speed = limits.get(joint.name, (None, None))
+            joint.damping = [URDF_DAMPING, 0, _cubic_damping(effort or 0.0, speed or 0.0, joint.armature)]
     for geom in spec.geoms:
         geom.conaffinity = 0
-
-
-def _drive_limits(description: Description) -> dict[str, tuple[float, float]]:
-    """Effort limit, N*m (N), and velocity limit, rad/s (m/s), of the joints of a URDF that state both."""
-    found: dict[str, tuple[float, float]] = {}
-    for joint in xml.parse(description.source, file=description.file).getroot().iterfind("joint"):
-        limit = joint.find("limit")
-        if limit is None:
-            continue
-        try:
-            found[joint.get("name", "")] = float(limit.get("effort", "")), float(limit.get("velocity", ""))
-        except ValueError:
-            continue
-    return found
 
 
 def _cubic_damping(effort: float, speed: float, armature: float) -> float:

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from morphkit.description import Description
-from morphkit.io import xml
+from morphkit.io.urdf import drive_limits
 from morphkit.masses import limb_masses
 from morphkit.mechanics import JOINT_KINDS, Mechanics, couplings, load_mechanics
 from morphkit.morphology import Actuator, Morphology
@@ -127,7 +127,7 @@ def _joints(mechanics: Mechanics) -> Table:
     model = mechanics.model
     table: Table = {}
     leaders = {follower: (leader, factors) for follower, leader, factors in couplings(model)}
-    speeds = _velocity_limits(mechanics.description) if mechanics.description.format == "urdf" else {}
+    limits = drive_limits(mechanics.description) if mechanics.description.format == "urdf" else {}
     for joint in mechanics.joints:
         kind, dof = JOINT_KINDS[int(model.jnt_type[joint])], model.jnt_dofadr[joint]
         limited = bool(model.jnt_limited[joint]) and kind != "free"
@@ -147,20 +147,10 @@ def _joints(mechanics: Mechanics) -> Table:
         leader, factors = leaders.get(joint, (None, ()))
         facts["follows"] = None if leader is None else model.joint(leader).name
         facts["coupling"] = None if leader is None else _numbers(np.trim_zeros(factors, "b"))
-        if name in speeds:
-            facts["velocity limit"] = speeds[name]
+        if name in limits:
+            facts["velocity limit"] = limits[name][1]  # MuJoCo knows no such bound
         table[name] = facts
     return table
-
-
-def _velocity_limits(description: Description) -> dict[str, float | None]:
-    """What a URDF bounds the speeds of its joints by, rad/s or m/s; MuJoCo knows no such bound."""
-    joints = xml.parse(description.source, file=description.file).getroot().iterchildren("joint")
-    limits = {joint.get("name") or "": joint.find("limit") for joint in joints}
-    return {
-        name: None if limit is None or limit.get("velocity") is None else float(limit.get("velocity") or "")
-        for name, limit in limits.items()
-    }
 
 
 def _actuator(mechanics: Mechanics, actuator: Actuator) -> dict[str, Value]:

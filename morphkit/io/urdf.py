@@ -79,6 +79,23 @@ def read_urdf(description: Description) -> Morphology:
     )
 
 
+def drive_limits(description: Description) -> dict[str, tuple[float | None, float | None]]:
+    """Effort limit, N*m (N), and velocity limit, rad/s (m/s), of each joint of a URDF; None where it states none.
+
+    Raises:
+        DescriptionError: The file is not XML, or something in it refers to a name that several joints have.
+    """
+    root = xml.parse(description.source, file=description.file).getroot()
+    name_elements(root, file=description.file)
+    limits = {joint.get("name", ""): joint.find("limit") for joint in root.iterchildren("joint")}
+    return {name: (_stated(limit, "effort"), _stated(limit, "velocity")) for name, limit in limits.items()}
+
+
+def _stated(limit: etree._Element | None, key: str) -> float | None:
+    text = limit.get(key) if limit is not None else None
+    return None if text is None else float(text)
+
+
 def _robot(tree: etree._ElementTree, file: str) -> Any:
     """Links and joints as yourdfpy understands them; what links look like and weigh is left out."""
     import yourdfpy

@@ -275,6 +275,13 @@ def test_mimics_and_velocity_limits_of_joints(change, told) -> None:
     assert told in [(each.name, each.fact, each.before, each.after, each.unit) for each in changes]
 
 
+def test_velocity_limits_of_joints_without_a_name() -> None:
+    nameless, faster = (b' name="j2"', b""), (b'velocity="2"/><mimic', b'velocity="3"/><mimic')
+    changes = compare(fingers(nameless), fingers(nameless, faster)).changes
+    told = [(each.name, each.fact, each.before, each.after) for each in changes]
+    assert told == [("two_joint", "velocity limit", 2.0, 3.0)]
+
+
 def test_a_variant_whose_joint_has_lost_its_leader() -> None:
     changes = compare(fingers(), ablate(fingers(), remove=["one"]).description).changes
     assert ("j2", "follows", "j1", None) in [(each.name, each.fact, each.before, each.after) for each in changes]

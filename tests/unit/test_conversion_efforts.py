@@ -52,11 +52,12 @@ def test_efforts_that_no_time_step_resolves_are_named() -> None:
 
 
 @pytest.mark.parametrize(("effort", "velocity"), [(87.0, 2.2), (24.0, 30.0), (5.0, 100.0), (300.0, 10.0)])
-def test_full_effort_leads_to_the_velocity_limit(effort: float, velocity: float) -> None:
+@pytest.mark.parametrize("name", ['name="j"', ""])
+def test_full_effort_leads_to_the_velocity_limit(effort: float, velocity: float, name: str) -> None:
     inertia = '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
     link = f'<link name="{{}}"><inertial><mass value="1"/>{inertia}</inertial></link>'
     limit = f'<limit lower="-1e4" upper="1e4" effort="{effort}" velocity="{velocity}"/>'
-    joint = f'<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>{limit}</joint>'
+    joint = f'<joint {name} type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>{limit}</joint>'
     text = f'<robot name="r">{link.format("a")}{link.format("b")}{joint}</robot>'
     model = convert(Description("r", "r.urdf", "urdf", text.encode())).spec.compile()
     data = mujoco.MjData(model)
