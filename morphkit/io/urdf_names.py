@@ -34,9 +34,13 @@ def name_elements(root: etree._Element, *, file: str) -> Given:
     ends = {id(joint): [_attribute(joint, tag, "link") for tag in ("parent", "child")] for joint in joints}
     _refuse_shared(links, "link", ((joint, name) for joint in joints for name in ends[id(joint)]), file)
     _refuse_shared(joints, "joint", _joint_references(root, joints), file)
-    children = [ends[id(joint)][1] for joint in joints]
-    calls = [f"{child}_joint" if child else "joint" for child in children]
-    return [*_give(links, ["link"] * len(links), file), *_give(joints, calls, file)]
+    return [*_give(links, ["link"] * len(links), file), *_give(joints, joint_calls(joints), file)]
+
+
+def joint_calls(joints: list[etree._Element]) -> list[str]:
+    """What each joint is called that has no name, before a number is added where that is taken."""
+    children = [_attribute(joint, "child", "link") for joint in joints]
+    return [f"{child}_joint" if child else "joint" for child in children]
 
 
 def take_back(given: Given) -> None:

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from morphkit.io.common import nearest
+from morphkit.io.common import give_names, nearest
 from morphkit.io.urdf_checks import JOINT_TYPES, XACRO_DEFINITIONS, is_xacro, xacro_name
+from morphkit.io.urdf_names import joint_calls
 from morphkit.validation.common import index_names, read_numbers, shorten, unknown
 from morphkit.validation.document import Document, elements
 
@@ -56,7 +57,10 @@ def read_tree(doc: Document) -> UrdfTree:
     root = doc.root
     links = index_names(doc, elements(root, "link"), "link", required=True)
     # Transmissions and ros2_control have joint elements too; only the children of <robot> are joints.
-    joints = index_names(doc, elements(root, "joint"), "joint", required=True)
+    found = elements(root, "joint")
+    index_names(doc, found, "joint", required=True)
+    # Joints without a name of their own are looked at all the same, called as the readers call them.
+    joints = dict(zip(give_names([joint.get("name") for joint in found], joint_calls(found)), found, strict=True))
     if not links:
         doc.add("robot-empty", root, "no <link> in <robot>")
     tree = UrdfTree(links, joints, {})
