@@ -85,7 +85,7 @@ def evaluate(
     if seed < 0:
         raise ConfigError(f"seed is {seed}; expected a non-negative number")
     policy = Policy.load(run)
-    robots = [_prepared(run, policy, description, task, base) for description in descriptions]
+    robots = _prepare(run, policy, descriptions, task, base)
     with single_thread():
         return [_evaluate_one(policy, robot, episodes, seed) for robot in robots]
 
@@ -105,7 +105,7 @@ def record(
         The simulation, qpos (steps + 1, nq) of the episode, and its steps a second.
     """
     policy = Policy.load(run)
-    robot = _prepared(run, policy, description, task, base)
+    (robot,) = _prepare(run, policy, [description], task, base)
     env = _single(policy, robot, 1, seed)
     obs = env.reset()[0]
     poses = [env.state(0)[0][0].copy()]
@@ -149,14 +149,16 @@ def _evaluate_one(policy: Policy, robot: Robot, episodes: int, seed: int) -> Rob
     )
 
 
-def _prepared(run: Path, policy: Policy, description: Description, task: str | None, base: Base | None) -> Robot:
+def _prepare(
+    run: Path, policy: Policy, descriptions: Sequence[Description], task: str | None, base: Base | None
+) -> list[Robot]:
     saved = runs.read(run)
-    robot = runs.prepare_robot(
-        policy.config, description, task=task or saved.get("task"), base=base or saved.get("base")
-    )
-    if not robot.spec.actuators:
-        raise ConfigError(f"{robot.name}: has no actuators, so there is nothing to control")
-    return robot
+    task, base = task or saved.get("task"), base or saved.get("base")
+    robots = [runs.prepare_robot(policy.config, description, task=task, base=base) for description in descriptions]
+    for robot in robots:
+        if not robot.spec.actuators:
+            raise ConfigError(f"{robot.name}: has no actuators, so there is nothing to control")
+    return robots
 
 
 def _single(policy: Policy, robot: Robot, num_envs: int, seed: int) -> BatchEnv:

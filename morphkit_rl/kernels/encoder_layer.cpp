@@ -327,16 +327,16 @@ void backward(const Sizes& sizes, int threads, const float* const* parameters, c
 extern "C" {
 
 // sizes: members, sequences, width, heads, hidden; starts as in `Sizes`. Heads and hidden are multiples of 16 wide.
-#define DEFINE(NAME, T)                                                                                               \
-    void layer_forward_##NAME(const std::int64_t* s, const std::int64_t* starts, int threads, const float* const* parameters, \
-                        const T* x, T* const* saved, T* result) {                                                     \
-        forward<T>({s[0], s[1], s[2], s[3], s[4], starts}, threads, parameters, x, saved, result);                    \
-    }                                                                                                                 \
-    void layer_backward_##NAME(const std::int64_t* s, const std::int64_t* starts, int threads,                              \
-                         const float* const* parameters, const T* x, T* const* saved, const T* result_gradient,       \
-                         T* x_gradient, float* const* gradients) {                                                    \
-        backward<T>({s[0], s[1], s[2], s[3], s[4], starts}, threads, parameters, x, saved, result_gradient,           \
-                    x_gradient, gradients);                                                                           \
+#define DEFINE(NAME, T)                                                                                                \
+    void layer_forward_##NAME(const std::int64_t* s, const std::int64_t* starts, int threads,                          \
+                              const float* const* parameters, const T* x, T* const* saved, T* result) {                \
+        forward<T>({s[0], s[1], s[2], s[3], s[4], starts}, threads, parameters, x, saved, result);                     \
+    }                                                                                                                  \
+    void layer_backward_##NAME(const std::int64_t* s, const std::int64_t* starts, int threads,                         \
+                               const float* const* parameters, const T* x, T* const* saved, const T* result_gradient,  \
+                               T* x_gradient, float* const* gradients) {                                               \
+        backward<T>({s[0], s[1], s[2], s[3], s[4], starts}, threads, parameters, x, saved, result_gradient,            \
+                    x_gradient, gradients);                                                                            \
     }
 
 DEFINE(float32, float)

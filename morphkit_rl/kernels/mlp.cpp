@@ -197,15 +197,15 @@ void backward(const Sizes& sizes, int threads, const float* const* parameters, c
 extern "C" {
 
 // s: members, rows, shared, and the four widths.
-#define DEFINE(NAME, T)                                                                                               \
-    void mlp_forward_##NAME(const std::int64_t* s, int threads, const float* const* parameters, const float* x,       \
-                            T* const* saved, float* result) {                                                         \
-        forward<T>({s[0], s[1], s[2], {s[3], s[4], s[5], s[6]}}, threads, parameters, x, saved, result);              \
-    }                                                                                                                 \
-    void mlp_backward_##NAME(const std::int64_t* s, int threads, const float* const* parameters, const float* x,      \
-                             T* const* saved, const float* gradient, float* x_gradient, float* const* gradients) {    \
-        backward<T>({s[0], s[1], s[2], {s[3], s[4], s[5], s[6]}}, threads, parameters, x, saved, gradient,            \
-                    x_gradient, gradients);                                                                           \
+#define DEFINE(NAME, T)                                                                                                \
+    void mlp_forward_##NAME(const std::int64_t* s, int threads, const float* const* parameters, const float* x,        \
+                            T* const* saved, float* result) {                                                          \
+        forward<T>({s[0], s[1], s[2], {s[3], s[4], s[5], s[6]}}, threads, parameters, x, saved, result);               \
+    }                                                                                                                  \
+    void mlp_backward_##NAME(const std::int64_t* s, int threads, const float* const* parameters, const float* x,       \
+                             T* const* saved, const float* gradient, float* x_gradient, float* const* gradients) {     \
+        backward<T>({s[0], s[1], s[2], {s[3], s[4], s[5], s[6]}}, threads, parameters, x, saved, gradient,             \
+                    x_gradient, gradients);                                                                            \
     }
 
 DEFINE(float32, float)
