@@ -18,6 +18,7 @@ logger = logging.getLogger(__name__)
 _FORMAT = 1
 _BUSY_S = 10.0
 _TABLE = "CREATE TABLE IF NOT EXISTS embeddings (text TEXT PRIMARY KEY, vector BLOB NOT NULL, crc INTEGER NOT NULL)"
+_MADE = "SELECT 1 FROM sqlite_master WHERE name = 'embeddings'"
 
 
 def cache_folder() -> Path:
@@ -49,6 +50,8 @@ class EmbeddingCache:
             if not self.file.is_file():
                 return found
             with self._connection() as connection:
+                if not connection.execute(_MADE).fetchone():  # Another process has the file open to make the table.
+                    return found
                 for text in texts:
                     row = connection.execute("SELECT vector, crc FROM embeddings WHERE text = ?", (text,)).fetchone()
                     vector = None if row is None else self._unpack(text, *row)

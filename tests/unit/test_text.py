@@ -9,6 +9,7 @@ import sqlite3
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ import pytest
 
 from morphkit.errors import ConfigError, DependencyError
 from morphkit_rl.text import source
-from morphkit_rl.text.cache import EmbeddingCache, cache_folder
+from morphkit_rl.text.cache import _TABLE, EmbeddingCache, cache_folder
 from morphkit_rl.text.encoder import TextEncoder
 from morphkit_rl.text.source import Pooling
 
@@ -184,8 +185,8 @@ def test_a_hub_that_is_out_of_reach_is_explained(
     monkeypatch.setattr(huggingface_hub, "snapshot_download", lambda *_, **__: answer())
     monkeypatch.setattr(huggingface_hub.HfApi, "model_info", answer)
     monkeypatch.setattr(huggingface_hub.constants, "HF_HUB_OFFLINE", how == "offline")
-    monkeypatch.setattr(source, "_HUB_PROBE_S", 0.2)
     if how == "silent":
+        monkeypatch.setattr(source, "_HUB_PROBE_S", 0.2)
         monkeypatch.setattr(huggingface_hub, "snapshot_download", lambda *_, **__: str(tmp_path))
     reason = {"offline": "HF_HUB_OFFLINE", "refused": "refused", "silent": "no answer within 0.2 s"}[how]
     with pytest.raises(DependencyError, match=f"(?s){reason}.*hf download bert-base-uncased.*minilm"):
@@ -274,6 +275,21 @@ def test_a_damaged_cache_is_built_anew(
     np.testing.assert_array_equal(TextEncoder(str(tiny_bert), cache_dir=tmp_path).encode(TEXTS), expected)
     assert "was damaged" in caplog.text
     assert len(EmbeddingCache(file.name.removesuffix("-v1.sqlite3"), 8, tmp_path).get(TEXTS)) == len(TEXTS)
+
+
+def test_a_file_that_another_process_is_making_is_no_damaged_one(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    cache = EmbeddingCache("m", 2, tmp_path)
+    with closing(sqlite3.connect(cache.file, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        other.execute(_TABLE)
+        assert cache.get(["a"]) == {}
+        other.execute("INSERT INTO embeddings VALUES ('a', ?, ?)", cache._pack("a", np.ones(2, np.float32)))
+        assert cache.get(["a"]) == {}
+        other.execute("COMMIT")
+    assert cache.get(["a"])["a"].tolist() == [1, 1]
+    assert caplog.text == ""
 
 
 def test_a_changed_byte_in_a_vector_is_noticed(tmp_path: Path) -> None:
