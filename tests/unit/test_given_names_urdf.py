@@ -1,4 +1,4 @@
-"""Names for links and joints of a URDF that share one or have none: unique, traced to the file, and kept by every cut."""
+"""Names for links and joints of a URDF that share one or have none: unique, traced to the file, kept by every cut."""
 
 from __future__ import annotations
 
