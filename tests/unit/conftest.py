@@ -4,7 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from morphkit import opengl
 from morphkit.conversion import Conversion, convert, write_conversion
+from morphkit.errors import DependencyError
 from morphkit.robots import load
 
 
@@ -63,3 +65,12 @@ def converted(everything: Path, tmp_path_factory: pytest.TempPathFactory) -> tup
     conversion = convert(load(everything))
     write_conversion(conversion, path)
     return conversion, path
+
+
+@pytest.fixture
+def gl() -> None:
+    """Skip the test where pictures cannot be drawn."""
+    try:
+        opengl.open_context(8, 8).free()
+    except DependencyError as error:
+        pytest.skip(str(error))
