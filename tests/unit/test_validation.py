@@ -1,43 +1,15 @@
-"""Every kind of finding: a file that has it, and its line; good files that have none."""
+"""Every kind of finding: a file that has it, and its line."""
 
 from __future__ import annotations
 
-import json
-import os
 import struct
 from pathlib import Path
 
 import pytest
+from faulty_robots import BALL, LIMIT, check_text, inertial, lines_of, mjcf, moments, urdf, visual
 
-from morphkit.errors import DescriptionError, UnknownNameError
-from morphkit.robots import shipped
-from morphkit.validation import check, find_rule, rules
-from morphkit.validation.finding import MAX_PER_RULE, Report
-from morphkit.validation.reference import reference
-from morphkit.validation.sarif import to_sarif
-
-GOOD_INERTIA = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
-LIMIT = '<limit lower="-1" upper="1" effort="5" velocity="2"/>'
-BALL = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
-
-
-def inertial(mass: str = "1", inertia: str = GOOD_INERTIA, origin: str = "") -> str:
-    return f'<inertial>{origin}<mass value="{mass}"/>{inertia}</inertial>'
-
-
-def moments(x: str, y: str, z: str) -> str:
-    return f'<inertia ixx="{x}" iyy="{y}" izz="{z}" ixy="0" ixz="0" iyz="0"/>'
-
-
-def urdf(*, leg: str = inertial() + BALL, hip: str = LIMIT, kind: str = "revolute", extra: str = "") -> str:
-    """A robot of two links; the leg is in line 3, its joint in line 4, what is extra starts in line 5."""
-    return (
-        '<robot name="r">\n'
-        f'<link name="base">{inertial()}{BALL}</link>\n'
-        f'<link name="leg">{leg}</link>\n'
-        f'<joint name="hip" type="{kind}"><parent link="base"/><child link="leg"/><axis xyz="0 1 0"/>{hip}</joint>\n'
-        f"{extra}\n</robot>\n"
-    )
+from morphkit.validation import rules
+from morphkit.validation.finding import Report
 
 
 def follower(name: str, target: str, *, limit: str = LIMIT, mimic: str = "") -> str:
@@ -46,10 +18,6 @@ def follower(name: str, target: str, *, limit: str = LIMIT, mimic: str = "") -> 
         f'<joint name="{name}" type="revolute"><parent link="base"/><child link="{name}_link"/><axis xyz="0 1 0"/>'
         f'{limit}<mimic joint="{target}" {mimic}/></joint>'
     )
-
-
-def visual(geometry: str, *, tag: str = "visual") -> str:
-    return f"<{tag}><geometry>{geometry}</geometry></{tag}>"
 
 
 URDFS = {
@@ -117,26 +85,6 @@ URDFS = {
     "mesh-scale-zero": (urdf(leg=inertial() + BALL + visual('<mesh filename="no.stl" scale="1 0 1"/>')), 3),
     "asset-unused": (urdf(extra='<material name="red"><color rgba="1 0 0 1"/></material>'), 5),
 }
-
-
-def mjcf(
-    *, head: str = "", hip: str = 'range="-60 60"', leg: str = "", actuator: str | None = None, tail: str = ""
-) -> str:
-    """A robot of two bodies; the leg is in line 5, its joint in line 6, the actuator in line 8, the tail in line 9."""
-    motor = '<motor name="m" joint="hip" ctrlrange="-1 1"/>' if actuator is None else actuator
-    return (
-        "<mujoco>\n"
-        f"{head}\n"
-        "<worldbody>\n"
-        '<body name="base" pos="0 0 1"><freejoint name="root"/><geom name="b" size="0.1"/>\n'
-        f'<body name="leg" pos="0 0 -0.5">{leg}\n'
-        f'<joint name="hip" axis="0 1 0" {hip}/><geom name="g" size="0.1"/>\n'
-        "</body></body></worldbody>\n"
-        f"<actuator>{motor}</actuator>\n"
-        f"{tail}\n</mujoco>\n"
-    )
-
-
 MJCFS = {
     "include-missing": (mjcf(head='<include file="no.xml"/>'), 2),
     "bodies-several": (mjcf().replace("</worldbody>", '\n<body name="box"><geom size="0.1"/></body></worldbody>'), 8),
@@ -170,15 +118,6 @@ def stl(path: Path, *, size: float = 0.1, faces: int = 0) -> None:
     triangles = [(a, c, b), (a, b, d), (a, d, c), (b, c, d), *[(a, c, b)] * faces]
     body = b"".join(struct.pack("<12fH", 0, 0, 0, *p, *q, *r, 0) for p, q, r in triangles)
     path.write_bytes(bytes(80) + struct.pack("<I", len(triangles)) + body)
-
-
-def lines_of(report: Report, rule: str) -> list[int | None]:
-    return [found.line for found in report.findings if found.rule == rule]
-
-
-def check_text(folder: Path, name: str, text: str, *, deep: bool) -> Report:
-    (folder / name).write_text(text)
-    return check(folder / name, shown=name, deep=deep)
 
 
 @pytest.mark.parametrize("rule", URDFS)
@@ -280,118 +219,3 @@ def test_mjcf_mesh_in_millimetres_beside_explicit_mass(tmp_path: Path) -> None:
 def test_every_rule_has_a_case() -> None:
     elsewhere = {"include-repeated", "simulator-crash", "mesh-up-axis"}
     assert {*URDFS, *MJCFS, *MESHES, *elsewhere} == set(rules())
-
-
-def test_findings_in_included_files(tmp_path: Path) -> None:
-    (tmp_path / "parts").mkdir()
-    (tmp_path / "parts" / "leg.xml").write_text(
-        '<mujocoinclude>\n<body name="leg">\n<joint name="hip" range="9 -9"/><geom size="0.1" material="red"/>\n'
-        '</body><include file="parts/leg.xml"/>\n</mujocoinclude>'
-    )
-    body = '<body name="base"><geom size="1"/>\n<include file="parts/leg.xml"/></body>'
-    text = f"<mujoco>\n<worldbody>{body}</worldbody></mujoco>"
-    report = check_text(tmp_path, "r.xml", text, deep=True)
-    places = {found.rule: found.place for found in report.findings}
-    assert places["range-inverted"] == "parts/leg.xml:3"
-    assert places["include-repeated"] == "parts/leg.xml:4"
-
-
-def test_all_mistakes_are_found_at_once(tmp_path: Path) -> None:
-    text = urdf(
-        leg=inertial("-1"), hip='<limit lower="2" upper="1"/>', extra='<link name="leg"/><gazebo reference="x"/>'
-    )
-    found = {each.rule for each in check_text(tmp_path, "r.urdf", text, deep=False).findings}
-    assert {"mass-negative", "limit-inverted", "effort-missing", "name-duplicate", "reference-ignored"} <= found
-
-
-def test_worst_come_first(tmp_path: Path) -> None:
-    text = urdf(hip='<limit lower="2" upper="1" effort="0" velocity="0"/>')
-    report = check_text(tmp_path, "r.urdf", text, deep=False)
-    assert [found.severity for found in report.findings] == ["error", "warning", "info"]
-
-
-@pytest.mark.parametrize("robot", [robot.name for robot in shipped()])
-def test_no_alarm_on_shipped_robots(robot: str) -> None:
-    description = next(each for each in shipped() if each.name == robot)
-    report = check(description.folder / description.file)
-    expected = {("joint-unactuated", "swing")} if robot == "arm" else set()  # the arm's pendulum swings freely
-    assert {(found.rule, found.element) for found in report.findings} == expected
-
-
-def test_names_that_only_replicate_makes_are_known(tmp_path: Path) -> None:
-    arm = '<body name="arm"><joint name="j"/><geom size="0.1"/></body>'
-    arms = f'<replicate count="2" euler="0 0 180" sep="-">{arm}</replicate>'
-    motor = '<motor name="m" joint="j-1" ctrlrange="-1 1"/>'
-    text = f"<mujoco><worldbody>{arms}</worldbody><actuator>{motor}</actuator></mujoco>"
-    assert not lines_of(check_text(tmp_path, "r.xml", text, deep=True), "reference-unknown")
-    assert lines_of(check_text(tmp_path, "r.xml", text.replace("j-1", "j-7"), deep=True), "reference-unknown")
-
-
-def test_link_that_stands_for_a_frame_is_not_judged_by_its_mass(tmp_path: Path) -> None:
-    joint = '<joint name="j" type="{}"><parent link="leg"/><child link="frame"/><axis xyz="0 1 0"/>{}</joint>'
-    frame = f'<link name="frame">{inertial("1e-6", moments("0", "0", "0"))}{BALL}</link>'
-    fixed = check_text(tmp_path, "r.urdf", urdf(extra=frame + joint.format("fixed", "")), deep=False)
-    assert fixed.findings == []
-    moving = check_text(tmp_path, "r.urdf", urdf(extra=frame + joint.format("revolute", LIMIT)), deep=False)
-    assert {found.rule for found in moving.findings} == {"inertia-zero", "mass-density"}
-
-
-def test_crash_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "sitecustomize.py").write_text("import os, sys\nif 'probe' in ' '.join(sys.orig_argv): os.abort()\n")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path) + os.pathsep + os.environ.get("PYTHONPATH", ""))
-    report = check_text(tmp_path, "r.xml", mjcf(), deep=True)
-    assert [(found.rule, found.message) for found in report.findings] == [("simulator-crash", "MuJoCo: signal 6")]
-
-
-def test_many_findings_are_counted_not_listed(tmp_path: Path) -> None:
-    links = "".join(f'<link name="l{number}"/>' for number in range(10)) * 40
-    report = check_text(tmp_path, "r.urdf", f"<robot>{links}</robot>", deep=False)
-    assert len(lines_of(report, "name-duplicate")) == 10  # those that say the same count once
-    spread = f"<robot>{links}</robot>".replace("><", ">\n<")
-    report = check_text(tmp_path, "r.urdf", spread, deep=False)
-    assert len(lines_of(report, "name-duplicate")) == MAX_PER_RULE
-    assert report.count("error") == 1 + 390
-
-
-def test_numbers_that_are_none_break_nothing(tmp_path: Path) -> None:
-    for origin in ('xyz="" rpy="1 2 3 4"', 'xyz="1e400 0 0"', 'xyz="a b c"'):
-        part = f'<collision><origin {origin}/><geometry><box size="1 1 1"/></geometry></collision>'
-        report = check_text(tmp_path, "r.urdf", urdf(leg=inertial() + part), deep=False)
-        assert {found.rule for found in report.findings} <= {"number-invalid", "number-infinite"}
-
-
-def test_unreadable_file_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(DescriptionError, match=r"no\.urdf: cannot be read"):
-        check(tmp_path / "no.urdf")
-    with pytest.raises(DescriptionError, match="directory"):
-        check(tmp_path)
-
-
-def test_unknown_rule_has_a_hint() -> None:
-    with pytest.raises(UnknownNameError, match="did you mean 'limit-inverted'"):
-        find_rule("limit-invertd")
-
-
-def test_sarif_has_what_the_schema_requires(tmp_path: Path) -> None:
-    report = check_text(tmp_path, "odd name.urdf", urdf(hip=LIMIT.replace("-1", "3")), deep=False)
-    log = json.loads(json.dumps(to_sarif([report])))
-    assert log["version"] == "2.1.0"
-    (run,) = log["runs"]
-    driver = run["tool"]["driver"]
-    assert driver["name"]
-    known = [rule["id"] for rule in driver["rules"]]
-    assert len(set(known)) == len(known) == len(rules())
-    for rule in driver["rules"]:
-        assert rule["defaultConfiguration"]["level"] in ("error", "warning", "note")
-        assert all(rule[part]["text"] for part in ("shortDescription", "fullDescription", "help"))
-    (result,) = run["results"]
-    assert result["message"]["text"]
-    assert known[result["ruleIndex"]] == result["ruleId"] == "limit-inverted"
-    assert result["level"] == "error"
-    place = result["locations"][0]["physicalLocation"]
-    assert place == {"artifactLocation": {"uri": "odd%20name.urdf"}, "region": {"startLine": 4}}
-
-
-def test_reference_is_made_of_the_rules() -> None:
-    page = Path(__file__).parents[2] / "docs" / "findings.md"
-    assert page.read_text("utf-8") == reference(), "python -m morphkit.validation.reference > docs/findings.md"
