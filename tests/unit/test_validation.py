@@ -151,6 +151,12 @@ def test_what_is_left_of_xacro_and_colours(tmp_path: Path, extra: str, rules_fou
     assert [found.rule for found in report.findings] == rules_found
 
 
+def test_a_joint_without_a_name_is_checked_like_others(tmp_path: Path) -> None:
+    text = urdf(hip=LIMIT.replace('"-1"', '"2"')).replace('name="hip" ', "")
+    report = check_text(tmp_path, "r.urdf", text, deep=False)
+    assert [(found.rule, found.line) for found in report.findings] == [("name-missing", 4), ("limit-inverted", 4)]
+
+
 MESHES = {
     "mesh-scale": "large.stl",
     "mesh-unreadable": "broken.stl",
