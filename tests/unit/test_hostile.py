@@ -63,10 +63,10 @@ def joint(number: int, parent: int, child: int) -> str:
     ids=lambda value: str(value)[:40],
 )
 def test_mjcf_that_asks_for_too_much(world: str, more: str, words: str) -> None:
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(DescriptionError, match=words):
         read(mjcf(world, more))
-    assert time.perf_counter() - start < 5
+    assert time.process_time() - start < 5
 
 
 def test_a_file_of_many_gigabytes_is_not_read(tmp_path: Path) -> None:
@@ -101,21 +101,21 @@ def test_a_chain_too_long_to_simulate(tmp_path: Path) -> None:
     fork = [joint(longest, longest - 2, longest)]
     load_spec(urdf(longest + 1, "".join([*reversed(chain), *fork])))
     long = urdf(10_000, "".join(joint(i, i, i + 1) for i in range(9999)))
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(DescriptionError, match="a chain of more than 250 links"):
         load_spec(long)
     with pytest.raises(DescriptionError, match="a chain of more than 250 links"):
         convert(long)
-    assert time.perf_counter() - start < 20
+    assert time.process_time() - start < 20
 
 
 def test_names_are_numbered_in_linear_time() -> None:
     names = Names()
-    start = time.perf_counter()
+    start = time.process_time()
     assert [names.give("a") for _ in range(50_000)][-1] == "a_50000"
-    assert time.perf_counter() - start < 2
+    assert time.process_time() - start < 2
     nearest("b" * 10**6, ["a" * 10**6] * 10)
-    assert time.perf_counter() - start < 4
+    assert time.process_time() - start < 4
 
 
 @pytest.mark.parametrize("form", ["urdf", "mjcf"])

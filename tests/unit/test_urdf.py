@@ -198,9 +198,9 @@ def test_a_hundred_links_are_read_fast() -> None:
     names = [f"link_{i}" for i in range(100)]
     parts = [*map(link, names), *(joint(f"j{i}", "revolute", names[i], names[i + 1], LIMIT) for i in range(99))]
     read(urdf(A))  # the imports
-    start = time.perf_counter()
+    start = time.process_time()  # Other processes do not count.
     assert len(read(urdf(*parts)).limbs) == 100
-    assert time.perf_counter() - start < 0.3
+    assert time.process_time() - start < 0.3
 
 
 def test_yourdfpy_is_only_imported_for_a_urdf() -> None:

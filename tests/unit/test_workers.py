@@ -5,7 +5,12 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import count, islice
+from multiprocessing import connection
+from multiprocessing.connection import Connection
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -20,14 +25,15 @@ def forked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(workers, "_context", lambda: multiprocessing.get_context("fork"))
 
 
-def misbehave() -> Callable[[str], str]:
+def misbehave(hanging: Path) -> Callable[[str], str]:
     def act(task: str) -> str:
         if task == "crash":
             os.kill(os.getpid(), signal.SIGSEGV)
         if task == "exit":
             os._exit(3)
         if task == "hang":
-            time.sleep(60)
+            hanging.touch()
+            time.sleep(600)
         if task == "mistake":
             raise AblationError("no such\n  limb")
         if task == "bug":
@@ -38,10 +44,29 @@ def misbehave() -> Callable[[str], str]:
     return act
 
 
+@pytest.fixture
+def hanging(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A file that a hanging task makes; time passes only when nothing else is being done."""
+    file, now = tmp_path / "hanging", 0.0
+
+    def wait(connections: list[Connection], timeout: float) -> list[object]:
+        nonlocal now
+        while not (ready := connection.wait(connections, 0.01)):
+            if len(connections) == 1 and file.exists():
+                file.unlink()
+                now += timeout
+                break
+        return ready
+
+    monkeypatch.setattr(workers, "wait", wait)
+    monkeypatch.setattr(workers, "time", SimpleNamespace(monotonic=lambda: now))
+    return file
+
+
 @pytest.mark.parametrize("jobs", [1, 3])
-def test_a_failed_task_is_one_failed_task(jobs, capfd):
+def test_a_failed_task_is_one_failed_task(jobs, capfd, hanging):
     tasks = ["a", "crash", "b", "exit", "mistake", "crash", "bug", "c", "hang", "d"]
-    results = list(run(misbehave, tasks, jobs=jobs, timeout_s=1.0))
+    results = list(run(partial(misbehave, hanging), tasks, jobs=jobs, timeout_s=1.0))
     assert results == [
         ("a", "a!"),
         ("crash", Failure("the simulator crashed (SIGSEGV)")),
@@ -55,6 +80,11 @@ def test_a_failed_task_is_one_failed_task(jobs, capfd):
         ("d", "d!"),
     ]
     assert capfd.readouterr().out == ""
+
+
+def test_a_task_has_as_long_as_it_is_given(tmp_path):
+    (result,) = run(partial(misbehave, tmp_path / "hanging"), ["hang"], timeout_s=0.1)
+    assert result == ("hang", Failure("it took longer than 0.1 s"))
 
 
 def test_workers_live_on_between_tasks():
