@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import socket
 import subprocess
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -62,16 +61,10 @@ class Session:
         return found[0]
 
 
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-def start(robot: str, folder: Path, port: int) -> tuple[subprocess.Popen[str], str]:
-    """Start the server; returns it and the address that it prints."""
+def start(robot: str, folder: Path) -> tuple[subprocess.Popen[str], str]:
+    """Start the server, on whatever port is free; returns it and the address that it prints."""
     server = subprocess.Popen(
-        [COMMAND, "show", robot, "--web", "--port", str(port)],
+        [COMMAND, "show", robot, "--web"],
         cwd=folder,
         env=environment(),
         stdout=subprocess.PIPE,
@@ -89,7 +82,7 @@ def session(tmp_path: Path) -> Iterator[Session]:
     if CHROME is None:
         pytest.skip("no browser is installed: apt-get install chromium")
     (tmp_path / "robot.xml").write_text(ROBOT)
-    server, url = start("robot.xml", tmp_path, free_port())
+    server, url = start("robot.xml", tmp_path)
     try:
         chrome = Chrome(CHROME, tmp_path / "profile")
         try:
@@ -108,6 +101,7 @@ def test_sliders_move_joints_and_clicks_remove_limbs(session: Session) -> None:
     before = session.wait_for_red(lambda _: True)
 
     # A slider moves the joint.
+    wait_for(lambda: page.run("document.querySelector('[role=slider]') !== null"))
     page.run("document.querySelector('[role=slider]').focus()")
     page.press("End")
     moved = session.wait_for_red(lambda red: np.ptp(red[:, 0]) > 1.5 * np.ptp(before[:, 0]))
