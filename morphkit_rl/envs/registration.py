@@ -32,5 +32,5 @@ def register_robots() -> tuple[str, ...]:
 def _robot_names() -> list[str]:
     names = []
     for path in Path(str(importlib.resources.files("morphkit_robots"))).glob("*/robot.toml"):
-        names += [path.parent.name, *tomllib.loads(path.read_text()).get("recipes", {})]
+        names += [path.parent.name, *tomllib.loads(path.read_text("utf-8")).get("recipes", {})]
     return names
