@@ -117,7 +117,7 @@ class ThreadGradients:
 
 
 def _suits_processor() -> bool:
-    return platform.system() == "Linux" and torch.backends.cpu.get_cpu_capability() == "AVX512"
+    return platform.system() == "Linux" and torch.backends.cpu.get_cpu_capability() in ("AVX2", "AVX512")
 
 
 def _open() -> ctypes.CDLL:

@@ -13,31 +13,64 @@
 #include <memory>
 #include <utility>
 
+#ifdef __AVX512BF16__
 #include <immintrin.h>
+#endif
 
 using Index = std::ptrdiff_t;
 
+#ifdef __AVX512F__
 constexpr Index LANES = 16, TILE_ROWS = 6, TILE_VECTORS = 4;  // 24 of the 32 registers hold sums.
+#else
+constexpr Index LANES = 8, TILE_ROWS = 6, TILE_VECTORS = 2;  // 12 of the 16 registers hold sums.
+#endif
 constexpr Index PANEL = LANES * TILE_VECTORS;
 typedef float Floats __attribute__((vector_size(4 * LANES), may_alias));
 typedef std::int32_t Integers __attribute__((vector_size(4 * LANES), may_alias));
+
+// Numbers of four bytes; lanes from `count` on are zeros.
+template <class Vector>
+Vector load_part(const void* x, Index count) {
+    Vector found = {};
+    if (count == LANES)
+        std::memcpy(&found, x, sizeof(found));
+    else
+        std::memcpy(&found, x, count * 4);
+    return found;
+}
+inline Floats load(const float* x) { return load_part<Floats>(x, LANES); }
+inline void store(float* out, Floats x) { std::memcpy(out, &x, sizeof(x)); }
 
 struct bfloat16 {
     std::uint16_t bits;
 };
 
-inline Floats load(const float* x) { return (Floats)_mm512_loadu_ps(x); }
-inline void store(float* out, Floats x) { _mm512_storeu_ps(out, (__m512)x); }
+#ifdef __AVX512BF16__
 inline Floats load(const bfloat16* x) {
     return (Floats)_mm512_slli_epi32(_mm512_cvtepu16_epi32(_mm256_loadu_si256((const __m256i*)x)), 16);
 }
-#ifdef __AVX512BF16__
 inline void store(bfloat16* out, Floats x) { _mm256_storeu_si256((__m256i*)out, (__m256i)_mm512_cvtneps_pbh((__m512)x)); }
 #endif
 
-inline Floats all(float x) { return (Floats)_mm512_set1_ps(x); }
-inline float total(Floats x) { return _mm512_reduce_add_ps((__m512)x); }
-inline float greatest(Floats x) { return _mm512_reduce_max_ps((__m512)x); }
+inline Floats all(float x) { return x - Floats{}; }
+inline Integers lanes() {
+    Integers found;
+    for (int i = 0; i < LANES; ++i) found[i] = i;
+    return found;
+}
+inline float total(Floats x) {
+#pragma GCC unroll 4
+    for (int size = LANES / 2; size; size /= 2) x += __builtin_shuffle(x, lanes() ^ size);
+    return x[0];
+}
+inline float greatest(Floats x) {
+#pragma GCC unroll 4
+    for (int size = LANES / 2; size; size /= 2) {
+        const Floats other = __builtin_shuffle(x, lanes() ^ size);
+        x = other > x ? other : x;
+    }
+    return x[0];
+}
 
 template <class T>
 struct Words;
@@ -110,19 +143,18 @@ void pack(const T* x, Index ld, Index k, Index n, Word<T>* out) {
     }
 }
 
-// Swaps rows and columns of 16 x 16 words: in each step, of the blocks of half the size.
-inline void transpose(__m512i rows[LANES]) {
-    const Integers lane = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+// Swaps rows and columns of LANES x LANES words: in each step, of the blocks of half the size.
+inline void transpose(Integers rows[LANES]) {
 #pragma GCC unroll 4
     for (int size = LANES / 2; size; size /= 2) {
-        const Integers kept = lane & ~size, upper = (lane & size) != 0;  // Lanes from 16 on mean the second operand.
-        const __m512i first = (__m512i)(kept + (upper & LANES)), second = (__m512i)(kept + size + (upper & LANES));
+        const Integers kept = lanes() & ~size, upper = (lanes() & size) != 0;  // Lanes from LANES on: the second operand.
+        const Integers first = kept + (upper & LANES), second = first + size;
 #pragma GCC unroll 16
         for (int i = 0; i < LANES; ++i)
             if (!(i & size)) {
-                const __m512i a = rows[i], b = rows[i + size];
-                rows[i] = _mm512_permutex2var_epi32(a, first, b);
-                rows[i + size] = _mm512_permutex2var_epi32(a, second, b);
+                const Integers a = rows[i], b = rows[i + size];
+                rows[i] = __builtin_shuffle(a, b, first);
+                rows[i + size] = __builtin_shuffle(a, b, second);
             }
     }
 }
@@ -134,13 +166,12 @@ void pack_transposed(const T* x, Index ld, Index k, Index n, Word<T>* out) {
         Word<T>* panel = out + j / PANEL * words<T>(k) * PANEL + j % PANEL;
         for (Index i = 0; i < words<T>(k); i += LANES) {
             const Index width = std::min(LANES, words<T>(k) - i);
-            __m512i rows[LANES];
+            Integers rows[LANES];
 #pragma GCC unroll 16
             for (int c = 0; c < LANES; ++c)
-                rows[c] = j + c < n ? _mm512_maskz_loadu_epi32((1 << width) - 1, as_words(x + (j + c) * ld) + i)
-                                    : _mm512_setzero_si512();
+                rows[c] = j + c < n ? load_part<Integers>(as_words(x + (j + c) * ld) + i, width) : Integers{};
             transpose(rows);
-            for (int c = 0; c < width; ++c) _mm512_storeu_si512(panel + (i + c) * PANEL, rows[c]);
+            for (int c = 0; c < width; ++c) std::memcpy(panel + (i + c) * PANEL, &rows[c], sizeof(Integers));
         }
     }
 }

@@ -103,5 +103,5 @@ template <class To>
 void copy_part(const float* x, Index n, To* out) {
     Index i = 0;
     for (; i + LANES <= n; i += LANES) store(out + i, load(x + i));
-    if (i < n) store(out + i, (Floats)_mm512_maskz_loadu_ps((1 << (n - i)) - 1, x + i));
+    if (i < n) store(out + i, load_part<Floats>(x + i, n - i));
 }

@@ -18,7 +18,9 @@ from morphkit_rl.models.smp import MLP, Widths
 from morphkit_rl.models.transformer import EncoderLayer, Norm, read_tokens
 
 ERRORS = {torch.float32: 2e-6, torch.bfloat16: 0.1}
-compiled = pytest.mark.skipif(library.load() is None, reason="no C++ compiler, or a processor without AVX-512")
+KINDS = {"": (torch.float32, torch.bfloat16), " -mno-avx512f": (torch.float32,)}
+"""Options of the compiler, the second for narrower vectors than most servers have, and the precisions to test."""
+compiled = pytest.mark.skipif(library.load() is None, reason="no C++ compiler, or a processor without AVX2")
 
 
 @pytest.fixture(params=[1, 3], ids="{}-threads".format)
@@ -29,12 +31,20 @@ def threads(request: pytest.FixtureRequest) -> Iterator[int]:
     torch.set_num_threads(before)
 
 
-@pytest.fixture(params=ERRORS, ids=str)
-def precision(request: pytest.FixtureRequest) -> torch.dtype:
-    dtype: torch.dtype = request.param
+@pytest.fixture(params=[(options, dtype) for options, dtypes in KINDS.items() for dtype in dtypes], ids=str)
+def precision(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[torch.dtype]:
+    options, dtype = request.param
+    monkeypatch.setenv("CXX", os.environ.get("CXX", "g++") + options)
+    forget_kernels()
     if library.function("layer_forward", dtype) is None:
         pytest.skip(f"a processor without {dtype}")
-    return dtype
+    yield dtype
+    forget_kernels()
+
+
+def forget_kernels() -> None:
+    library.load.cache_clear()
+    library.function.cache_clear()
 
 
 def spans(lengths: tuple[int, ...]) -> list[slice]:
