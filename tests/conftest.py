@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable
 
@@ -8,6 +9,13 @@ import numpy as np
 import pytest
 
 from morphkit.description import Description
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_configure() -> None:
+    """Keep what a CI system sets to have colours in its logs, pytest's own being set up by now, from what is tested."""
+    for name in ("FORCE_COLOR", "TTY_COMPATIBLE"):
+        os.environ.pop(name, None)
 
 
 def _plain_spec(description: Description) -> mujoco.MjSpec:
