@@ -13,8 +13,8 @@ from morphkit.description import Description
 
 @pytest.hookimpl(trylast=True)
 def pytest_configure() -> None:
-    """Keep what a CI system sets to have colours in its logs, pytest's own being set up by now, from what is tested."""
-    for name in ("FORCE_COLOR", "TTY_COMPATIBLE"):
+    """Forget what a machine may have set: colours for a CI system's logs (pytest has set up its own by now) and ROS."""
+    for name in ("FORCE_COLOR", "TTY_COMPATIBLE", "ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
         os.environ.pop(name, None)
 
 

@@ -75,11 +75,11 @@ class Chrome:
             ready = profile / "DevToolsActivePort"
             wait_for(lambda: ready.is_file() and len(ready.read_text().split()) == 2)
             port, path = ready.read_text().split()
-            with connect(f"ws://127.0.0.1:{port}{path}", max_size=None) as browser:
+            with connect(f"ws://127.0.0.1:{port}{path}", max_size=None, proxy=None) as browser:
                 browser.send(json.dumps({"id": 1, "method": "Target.getTargets"}))
                 targets = json.loads(browser.recv(timeout=10))["result"]["targetInfos"]
             page = next(target["targetId"] for target in targets if target["type"] == "page")
-            self._page = connect(f"ws://127.0.0.1:{port}/devtools/page/{page}", max_size=None)
+            self._page = connect(f"ws://127.0.0.1:{port}/devtools/page/{page}", max_size=None, proxy=None)
             for domain in ("Page", "Network", "Runtime"):
                 self.send(f"{domain}.enable")
         except BaseException:

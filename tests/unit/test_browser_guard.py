@@ -6,6 +6,7 @@ import re
 import socket
 import sys
 from collections.abc import Iterator
+from functools import partial
 from urllib.parse import urlsplit
 
 import pytest
@@ -60,12 +61,13 @@ def test_only_pages_from_this_machine_can_connect(viewer: BrowserViewer, origin:
     address = urlsplit(viewer.url)
     protocol = f"viser-v{sys.modules['viser'].__version__}"
     origin = origin and origin.format(port=address.port)
+    visit = partial(connect, f"ws://{address.netloc}", origin=origin, subprotocols=[protocol], proxy=None)
     if accepted:
-        with connect(f"ws://{address.netloc}", origin=origin, subprotocols=[protocol], max_size=None) as page:
+        with visit(max_size=None) as page:
             assert page.recv(timeout=10)
     else:
         with pytest.raises(InvalidStatus) as refused:
-            connect(f"ws://{address.netloc}", origin=origin, subprotocols=[protocol])
+            visit()
         assert refused.value.response.status_code == 403
 
 
