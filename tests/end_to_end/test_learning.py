@@ -34,7 +34,7 @@ def test_a_run_killed_at_a_random_moment_and_resumed_equals_one_that_was_never_k
     killed = 0
     process = start(*arguments, "--run", "killed")
     for _ in range(2):
-        deadline = time.monotonic() + 120
+        deadline = time.monotonic() + 300
         while not (tmp_path / "killed/checkpoints/latest").exists() and process.poll() is None:
             assert time.monotonic() < deadline
             time.sleep(0.01)
