@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import math
@@ -133,7 +134,9 @@ def _check_target(folder: Path, source: Description, force: bool) -> None:
         raise OutputError(f"{folder}: exists and is no folder; choose another output folder")
     if not folder.exists():
         return
-    kept = [Path.cwd(), Path.home(), *([source.folder] if source.folder is not None else [])]
+    kept = [Path.cwd(), *([source.folder] if source.folder is not None else [])]
+    with contextlib.suppress(RuntimeError):  # The user has no home, as containers may have it.
+        kept.append(Path.home())
     if any(path.resolve().is_relative_to(folder.resolve()) for path in kept):
         raise OutputError(
             f"{folder}: is or holds the current folder, the home folder or the robot itself; choose another"

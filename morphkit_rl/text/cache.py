@@ -22,8 +22,14 @@ _MADE = "SELECT 1 FROM sqlite_master WHERE name = 'embeddings'"
 
 
 def cache_folder() -> Path:
-    """Folder of the embedding files: `$MORPHKIT_CACHE`, else the user's cache folder for morphkit."""
-    return Path(os.environ.get("MORPHKIT_CACHE") or platformdirs.user_cache_dir("morphkit")).expanduser()
+    """Folder of the embedding files: `$MORPHKIT_CACHE`, else the user's cache folder for morphkit.
+
+    For a user without a home, as containers may have, it is one that cannot be made.
+    """
+    try:
+        return Path(os.environ.get("MORPHKIT_CACHE") or platformdirs.user_cache_dir("morphkit")).expanduser()
+    except RuntimeError:
+        return Path(os.devnull) / "morphkit"
 
 
 class EmbeddingCache:

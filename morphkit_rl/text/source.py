@@ -7,6 +7,7 @@ import hashlib
 import importlib.util
 import json
 import logging
+import os
 import re
 import threading
 from collections.abc import Callable
@@ -86,7 +87,7 @@ def find_model(name: str) -> ModelSource:
     """
     if name == "minilm":
         return _minilm()
-    folder = Path(name).expanduser()
+    folder = Path(os.path.expanduser(name))  # noqa: PTH111 - leaves the name as it is where there is no such home
     if name and folder.is_dir():
         return ModelSource(name, folder, f"{_slug(folder.name)}-{_fingerprint(name, folder)[:16]}", "cls")
     if not _HUB_NAME.fullmatch(name) or name.startswith("."):

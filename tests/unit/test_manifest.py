@@ -52,6 +52,16 @@ def test_schema(tmp_path):
     assert path.read_bytes().endswith(b"}\n")
 
 
+def test_a_user_without_a_home_can_replace_a_family(tmp_path, monkeypatch):
+    def unknown(_):
+        raise KeyError("uid not found")
+
+    monkeypatch.setattr("pwd.getpwuid", unknown)
+    monkeypatch.delenv("HOME", raising=False)
+    first, second = (write_family(*family(), tmp_path / "out") for _ in range(2))
+    assert first == second
+
+
 def test_same_bytes_twice(tmp_path):
     write_family(*family(), tmp_path / "a")
     write_family(*family(), tmp_path / "b")

@@ -101,7 +101,7 @@ def test_odd_references_are_asset_errors(tmp_path: Path, reference: str) -> None
         resolve_asset(reference, tmp_path)
 
 
-@pytest.mark.parametrize("option", ["bot", "=here", "bot=", "bot=/nowhere/at/all"])
+@pytest.mark.parametrize("option", ["bot", "=here", "bot=", "bot=/nowhere/at/all", "bot=~nobody-of-that-name"])
 def test_bad_package_options(option: str) -> None:
     with pytest.raises(ConfigError, match="--package"):
         parse_packages([option])

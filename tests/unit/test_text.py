@@ -244,6 +244,26 @@ def test_cache_folder_follows_the_environment(tmp_path: Path, monkeypatch: pytes
     assert cache_folder().name == "morphkit"
 
 
+def test_a_user_without_a_home_goes_without_a_cache(
+    tiny_bert: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def unknown(_: int) -> None:
+        raise KeyError("uid not found")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("pwd.getpwuid", unknown)
+    for name in ("HOME", "MORPHKIT_CACHE", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    assert TextEncoder(str(tiny_bert)).encode(TEXTS).shape == (4, 8)
+    assert "MORPHKIT_CACHE" in caplog.text
+    assert list(tmp_path.iterdir()) == []
+    monkeypatch.setenv("MORPHKIT_CACHE", "~nobody-of-that-name/cache")
+    assert TextEncoder(str(tiny_bert)).encode(TEXTS).shape == (4, 8)
+    with pytest.raises(DependencyError, match="no such folder"):
+        TextEncoder("~nobody-of-that-name/model")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_cache_keeps_vectors_exactly(tmp_path: Path) -> None:
     cache = EmbeddingCache("m", 3, tmp_path)
     assert cache.get(["a"]) == {}
