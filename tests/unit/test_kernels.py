@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import functools
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -20,7 +22,8 @@ from morphkit_rl.models.transformer import EncoderLayer, Norm, read_tokens
 ERRORS = {torch.float32: 2e-6, torch.bfloat16: 0.1}
 KINDS = {"": (torch.float32, torch.bfloat16), " -mno-avx512f": (torch.float32,)}
 """Options of the compiler, the second for narrower vectors than most servers have, and the precisions to test."""
-compiled = pytest.mark.skipif(library.load() is None, reason="no C++ compiler, or a processor without AVX2")
+load = library.load
+compiled = pytest.mark.skipif(load() is None, reason="no C++ compiler, or a processor without AVX2")
 
 
 @pytest.fixture(params=[1, 3], ids="{}-threads".format)
@@ -31,19 +34,23 @@ def threads(request: pytest.FixtureRequest) -> Iterator[int]:
     torch.set_num_threads(before)
 
 
+@functools.cache
+def made_with(options: str) -> ctypes.CDLL | None:
+    """Kernels compiled with these options, once for all tests even where nothing can be kept."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CXX", os.environ.get("CXX", "g++") + options)
+        return load.__wrapped__()
+
+
 @pytest.fixture(params=[(options, dtype) for options, dtypes in KINDS.items() for dtype in dtypes], ids=str)
 def precision(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[torch.dtype]:
     options, dtype = request.param
-    monkeypatch.setenv("CXX", os.environ.get("CXX", "g++") + options)
-    forget_kernels()
+    if options:
+        monkeypatch.setattr(library, "load", functools.partial(made_with, options))
+    library.function.cache_clear()
     if library.function("layer_forward", dtype) is None:
         pytest.skip(f"a processor without {dtype}")
     yield dtype
-    forget_kernels()
-
-
-def forget_kernels() -> None:
-    library.load.cache_clear()
     library.function.cache_clear()
 
 
@@ -202,7 +209,7 @@ def test_a_compiler_that_does_not_work_costs_the_speed_only(
 ) -> None:
     monkeypatch.setattr(library, "_TIMEOUT_S", 0.5)
     monkeypatch.setenv("CXX", compiler(suited, script))
-    assert library.load.__wrapped__() is None
+    assert load.__wrapped__() is None
     assert not list(suited.glob("cache/kernels-*/*"))
 
 
@@ -210,10 +217,10 @@ def test_without_a_compiler_or_where_switched_off_there_are_no_kernels(
     suited: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("CXX", str(suited / "missing"))
-    assert library.load.__wrapped__() is None
+    assert load.__wrapped__() is None
     monkeypatch.setenv("CXX", compiler(suited, f"touch {suited}/called"))
     monkeypatch.setenv(library.SWITCH, "0")
-    assert library.load.__wrapped__() is None
+    assert load.__wrapped__() is None
     assert not (suited / "called").exists()
     assert not (suited / "cache").exists()
 
@@ -228,17 +235,17 @@ def test_kernels_are_made_once_and_anew_where_the_cache_cannot_be_used(
     (suited / "small.cpp").write_text('extern "C" { int answer() { return 42; } }')
     monkeypatch.setenv("CXX", compiler(suited, f'echo >> {suited}/calls; exec {os.environ.get("CXX", "c++")} "$@"'))
     for _ in range(2):
-        library_ = library.load.__wrapped__()
+        library_ = load.__wrapped__()
         assert library_ is not None
         assert library_.answer() == 42
     assert len((suited / "calls").read_text().splitlines()) == 2  # compiled and linked
     (made,) = (suited / "cache").iterdir()
     made.unlink()
     made.write_text("damaged")
-    again = library.load.__wrapped__()
+    again = load.__wrapped__()
     assert again is not None
     assert again.answer() == 42
     monkeypatch.setenv("MORPHKIT_CACHE", str(suited / "calls" / "under-a-file"))
-    again = library.load.__wrapped__()
+    again = load.__wrapped__()
     assert again is not None
     assert again.answer() == 42
