@@ -5,6 +5,7 @@ Nothing heavy is imported here: every command imports what it needs when it runs
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -121,6 +122,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     """
     # PyTorch's threads would spin for a millisecond while they wait, and starve where other processes want the cores.
     os.environ.setdefault("GOMP_SPINCOUNT", "1000")
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # what a Latin-1 terminal lacks, and file names that are no text
     try:
         # Outside its standalone mode Typer returns the code of an Exit and leaves usage errors to us.
         code = app(args=arguments, standalone_mode=False)
@@ -142,6 +145,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
         _drop_stdout()
         where = f"{error.filename}: " if error.filename else ""
         _complain(f"{where}{error.strerror or error}")
+        return 2
+    except UnicodeEncodeError as error:
+        around = error.object[max(0, error.start - 60) : error.end + 20]
+        _complain(f"{ascii(around)[1:-1]}: is no UTF-8 text; choose another name")
         return 2
     except MemoryError as error:
         _complain(f"not enough memory: {error}" if str(error) else "not enough memory")

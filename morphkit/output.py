@@ -37,6 +37,18 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_leave_locks_to_the_parent)
 
 
+def require_text(path: Path) -> None:
+    """Refuse a path that MuJoCo and other libraries cannot take.
+
+    Raises:
+        OutputError: Its bytes are no UTF-8.
+    """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise OutputError(f"{ascii(str(path))[1:-1]}: is no UTF-8 text; choose another name") from error
+
+
 @contextmanager
 def staged_folder(folder: Path) -> Iterator[Path]:
     """Give an empty folder to write into; at the end of the block it takes the place of `folder`.

@@ -21,6 +21,7 @@ from safetensors.numpy import load_file, save_file
 from torch import nn
 
 from morphkit.errors import CheckpointError, OutputError
+from morphkit.output import require_text
 from morphkit_rl.files import flush, write_text
 
 FORMAT_VERSION = 2
@@ -31,8 +32,9 @@ def create_run(run: Path) -> None:
     """Make the run folder.
 
     Raises:
-        OutputError: It cannot be written, or holds files already.
+        OutputError: It cannot be written, holds files already, or has a name that is no UTF-8 text.
     """
+    require_text(run)
     if run.exists() and (not run.is_dir() or any(run.iterdir())):
         is_run = (run / "config.json").is_file()
         hint = "continue it with --resume, or choose another folder" if is_run else "choose another folder"

@@ -12,7 +12,7 @@ import mujoco
 from morphkit import output
 from morphkit.conversion.converting import Conversion
 from morphkit.errors import DescriptionError, OutputError
-from morphkit.output import in_turn, stage
+from morphkit.output import in_turn, require_text, stage
 
 _PLACED = "placed"  # in a stage: names of the mesh files that are moved from there
 
@@ -133,8 +133,10 @@ def check_target(path: Path, *, force: bool) -> None:
     """Refuse a place where something is that must not be overwritten.
 
     Raises:
-        OutputError: `path` is a folder or no .xml; or it or its folder of meshes is there and `force` is False.
+        OutputError: `path` is a folder, no .xml or no UTF-8 text; or it or its folder of meshes is there and `force` is
+            False.
     """
+    require_text(path)
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; give the name of the MJCF file, such as {path / 'robot.xml'}")
     if path.suffix != ".xml":

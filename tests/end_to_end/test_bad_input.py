@@ -181,3 +181,35 @@ def test_bad_learning_request(morphkit: Run, tmp_path: Path, arguments: list[str
     assert "error: " in done.stderr
     assert expected in done.stderr
     assert listing(tmp_path) == set()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["convert", "quadruped", "{}/out.xml"], ["train", "cheetah", "--run", "{}/run"], ["tokens", "{}/robot.urdf"]],
+)
+def test_names_that_are_no_text(morphkit: Run, tmp_path: Path, arguments: list[str]) -> None:
+    folder = tmp_path / os.fsdecode(b"caf\xe9")
+    try:
+        folder.mkdir()
+    except OSError:
+        pytest.skip("the file system takes UTF-8 only")
+    (folder / "robot.urdf").write_text("<robot/>")
+    done = morphkit(*[argument.format(folder) for argument in arguments], code=2)
+    assert done.stderr.startswith("error: ")
+    assert "caf" in done.stderr or "robot.urdf" in done.stderr
+    assert [path.name for path in folder.iterdir()] == ["robot.urdf"]
+
+
+def test_a_robot_whose_name_is_no_text(morphkit: Run, tmp_path: Path) -> None:
+    name = os.fsdecode(b"caf\xe9.urdf")
+    try:
+        (tmp_path / name).write_text(urdf(["a", "b"], joint("j", "a", "b")))
+    except OSError:
+        pytest.skip("the file system takes UTF-8 only")
+    for arguments in (["tokens"], ["show"], ["check"], ["ablate", "--remove", "b", "--dry-run"], ["diff", name]):
+        assert morphkit(*arguments, name).stdout
+
+
+def test_output_that_lacks_a_character(morphkit: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONIOENCODING", "latin-1")
+    assert "cheetah" in morphkit("robots").stdout
