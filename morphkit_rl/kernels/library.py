@@ -13,6 +13,7 @@ import os
 import platform
 import shlex
 import shutil
+import signal
 import subprocess
 import tempfile
 import time
@@ -164,12 +165,15 @@ def _run(commands: Sequence[Sequence[str]], folder: Path) -> None:
     """
     deadline = time.monotonic() + _TIMEOUT_S
     quiet = subprocess.DEVNULL
-    running = [subprocess.Popen(c, cwd=folder, stdin=quiet, stdout=quiet, stderr=quiet) for c in commands]
+    running = [
+        subprocess.Popen(c, cwd=folder, stdin=quiet, stdout=quiet, stderr=quiet, process_group=0) for c in commands
+    ]
     try:
         for process in running:
             if process.wait(max(deadline - time.monotonic(), 0)):
                 raise subprocess.CalledProcessError(process.returncode, process.args)
     finally:
         for process in running:
-            process.kill()
-            process.wait()
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)  # with what the compiler has started
+                process.wait()

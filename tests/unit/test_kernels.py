@@ -5,6 +5,8 @@ from __future__ import annotations
 import ctypes
 import functools
 import os
+import select
+import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -211,6 +213,17 @@ def test_a_compiler_that_does_not_work_costs_the_speed_only(
     monkeypatch.setenv("CXX", compiler(suited, script))
     assert load.__wrapped__() is None
     assert not list(suited.glob("cache/kernels-*/*"))
+
+
+def test_a_compiler_that_hangs_is_ended_with_what_it_started(suited: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    alive, held = os.pipe()
+    monkeypatch.setattr(library, "_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(library.subprocess, "Popen", functools.partial(subprocess.Popen, pass_fds=[held]))
+    monkeypatch.setenv("CXX", compiler(suited, "sleep 600 & wait"))
+    assert library.load.__wrapped__() is None
+    os.close(held)
+    assert select.select([alive], [], [], 100)[0]  # All that held the pipe have gone.
+    os.close(alive)
 
 
 def test_without_a_compiler_or_where_switched_off_there_are_no_kernels(
