@@ -39,15 +39,6 @@ class ProgressDisplay:
         self._next_line_s = 0.0
 
     def __enter__(self) -> ProgressDisplay:
-        if not self._quiet and self._console.is_terminal:
-            from rich.live import Live
-            from rich.progress import BarColumn, TaskProgressColumn, TextColumn
-            from rich.progress import Progress as Bar
-
-            self._bar = Bar(TextColumn("training"), BarColumn(bar_width=40), TaskProgressColumn(), auto_refresh=False)
-            self._task = self._bar.add_task("training", total=1.0)
-            self._live = Live(self._bar, console=self._console, auto_refresh=False)
-            self._live.start()
         return self
 
     def __exit__(
@@ -63,6 +54,8 @@ class ProgressDisplay:
         if self._title:
             self._console.print(self._title)
             self._title = ""
+            if self._console.is_terminal:
+                self._start_bar()
         if self._live is not None:
             from rich.console import Group
             from rich.text import Text
@@ -73,6 +66,16 @@ class ProgressDisplay:
         elif progress.elapsed_s >= self._next_line_s:
             self._next_line_s = progress.elapsed_s + LINE_INTERVAL_S
             self._console.print(f"{progress.fraction:4.0%}  {rates(progress)}; {returns(progress)}")
+
+    def _start_bar(self) -> None:
+        from rich.live import Live
+        from rich.progress import BarColumn, TaskProgressColumn, TextColumn
+        from rich.progress import Progress as Bar
+
+        self._bar = Bar(TextColumn("training"), BarColumn(bar_width=40), TaskProgressColumn(), auto_refresh=False)
+        self._task = self._bar.add_task("training", total=1.0)
+        self._live = Live(self._bar, console=self._console, auto_refresh=False)
+        self._live.start()
 
 
 def rates(progress: Progress) -> str:
