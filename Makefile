@@ -22,7 +22,7 @@ help:
 
 venv: $(STAMP)
 
-$(STAMP): pyproject.toml constraints.txt
+$(STAMP): pyproject.toml setup.py constraints.txt
 	@[ -n "$(PYTHON)" ] || { echo "error: no Python 3.11 or newer found; install one, or say where it is: make PYTHON=/path/to/python3.12" >&2; exit 2; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "error: $(PYTHON) is no Python 3.11 or newer; say where one is: make PYTHON=/path/to/python3.12" >&2; exit 2; }
@@ -50,7 +50,7 @@ imports: $(STAMP)
 	$(BIN)/lint-imports
 
 bench: $(STAMP)
-	@status=0; for program in benchmarks/*.py; do $(BIN)/python $$program || status=1; done; exit $$status
+	@status=0; for program in tools/*.py; do $(BIN)/python $$program || status=1; done; exit $$status
 
 # What the packages hold is unpacked into .corpus (2 GB); their code is not run. All outcomes go to .corpus/outcomes.jsonl.
 # With less than all packages, say where the table should go: make corpus CORPUS="brax gymnasium" CORPUS_TABLE=table.md

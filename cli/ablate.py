@@ -17,10 +17,10 @@ from . import ablate_report as report
 from . import common
 
 if TYPE_CHECKING:
-    from morphkit.ablation import Cutter, Variant
-    from morphkit.batch import Made
+    from morphkit.ablation.ablate import Cutter, Variant
     from morphkit.description import Description
-    from morphkit.family import Planned
+    from morphkit.families.build import Made
+    from morphkit.families.enumeration import Planned
 
 NOT_COMPILED = "the variants were not compiled, because MuJoCo cannot compile the robot itself"
 
@@ -112,8 +112,8 @@ def ablate(
     wish = {"remove": remove or [], "splice": splice or [], "keep": keep or []}
     _check_usage(wish, mirror=mirror, every=every, skip_mirrored=skip_mirrored, name=name)
 
-    from morphkit.ablation import Cutter
-    from morphkit.writing import write_family
+    from morphkit.ablation.ablate import Cutter
+    from morphkit.families.write import write_family
 
     (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg)
     cutter = Cutter(description)
@@ -168,7 +168,7 @@ def _plan(
 ) -> Iterator[Planned]:
     """The variants of a family; an error where there are none."""
     from morphkit.errors import AblationError
-    from morphkit.family import plan_family
+    from morphkit.families.enumeration import plan_family
 
     planned = plan_family(cutter, min_limbs=min_limbs, max_limbs=max_limbs, limit=limit, skip_mirrored=skip_mirrored)
     first = next(planned, None)
@@ -184,19 +184,19 @@ def _plan(
 def _family(
     cutter: Cutter, planned: Iterator[Planned], jobs: int, check: bool, drop: bool, notes: list[str]
 ) -> Iterator[Made]:
-    from morphkit import batch
+    from morphkit.families import build
 
-    if check and (problem := batch.compile_problem(cutter.description)):
+    if check and (problem := build.compile_problem(cutter.description)):
         notes.append(f"{NOT_COMPILED}: {problem}")
         check = False
-    return batch.make(cutter, planned, jobs=jobs, compiled=check, drop_assets=drop)
+    return build.make(cutter, planned, jobs=jobs, compiled=check, drop_assets=drop)
 
 
 def _one(source: Description, variant: Variant, check: bool, notes: list[str]) -> Iterator[Made]:
-    from morphkit import batch
+    from morphkit.families import build
 
-    result = batch.check(variant) if check else variant
-    if isinstance(result, batch.FailedVariant) and (problem := batch.compile_problem(source)):
+    result = build.check(variant) if check else variant
+    if isinstance(result, build.FailedVariant) and (problem := build.compile_problem(source)):
         notes.append(f"{NOT_COMPILED}: {problem}")
         result = variant
     yield result

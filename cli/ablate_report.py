@@ -13,8 +13,8 @@ from . import common
 from .table import table, terminal_width
 
 if TYPE_CHECKING:
-    from morphkit.ablation import Cutter, Variant
-    from morphkit.batch import FailedVariant, Made
+    from morphkit.ablation.ablate import Cutter, Variant
+    from morphkit.families.build import FailedVariant, Made
     from morphkit.morphology import Morphology
 
 
@@ -38,7 +38,7 @@ class Tally:
 
     def enter(self, made: Made) -> Made:
         """Note `made`, and return it."""
-        from morphkit.batch import FailedVariant, MirroredVariant
+        from morphkit.families.build import FailedVariant, MirroredVariant
 
         if isinstance(made, FailedVariant):
             self.failed.append(made)
@@ -72,7 +72,7 @@ class Tally:
 
 def matches(cutter: Cutter, wish: Mapping[str, Sequence[str]], *, mirror: bool) -> str:
     """A line for each pattern: what it matched, and with `mirror` what came along from the other side."""
-    from morphkit.naming import match_limbs
+    from morphkit.naming.limbs import match_limbs
 
     lines = []
     for verb, patterns in wish.items():
@@ -111,7 +111,7 @@ def tree(morphology: Morphology, made: Made) -> str:
 
 def as_json(made: Made) -> dict[str, Any]:
     """What a dry run says of a variant."""
-    from morphkit.ablation import Variant
+    from morphkit.ablation.ablate import Variant
 
     if not isinstance(made, Variant):
         return asdict(made)
@@ -162,7 +162,7 @@ def _variant(variant: Variant) -> str:
 
 
 def _only_variant(made: Made) -> Variant:
-    from morphkit.ablation import Variant
+    from morphkit.ablation.ablate import Variant
 
     if not isinstance(made, Variant):
         raise MorphkitError(f"{made.name} could not be made")

@@ -77,8 +77,8 @@ def robots(
 
 
 def _draw(bodies: Sequence[Any], png: Path) -> None:
-    from morphkit.simulation import build
-    from morphkit.viewing import family_sheet
+    from morphkit.simulation.build import build
+    from morphkit.viewer.media import family_sheet
 
     typer.echo(f"drawing {common.count(len(bodies), 'body')}", err=True)
     family_sheet([build(body) for body in bodies], png, columns=8, width=240, height=200)
@@ -142,7 +142,7 @@ def report(
     report.md to read; cells.csv, robots.csv, tasks.csv and report.json for programs; learning curves and zero-shot
     bars of each split as PNG. Cells that are missing are marked, and every number says how many seeds it is of.
     """
-    from morphkit_rl.benchmark.report import write_report
+    from morphkit_rl.benchmark.report.write import write_report
 
     folder = out or matrix / "report"
     written = write_report(matrix, folder)

@@ -13,7 +13,7 @@ from .benchmark import FILE_HELP
 from .table import table, terminal_width
 
 if TYPE_CHECKING:
-    from morphkit_rl.episodes import RobotReturns
+    from morphkit_rl.evaluation.episodes import RobotReturns
 
 EXAMPLES = (
     "morphkit benchmark random",
@@ -41,7 +41,7 @@ def random(
     """
     from morphkit_rl.benchmark.bodies import members
     from morphkit_rl.benchmark.definition import load_benchmark
-    from morphkit_rl.random_policy import random_returns
+    from morphkit_rl.evaluation.random_policy import random_returns
 
     if robots:
         descriptions = common.load_bodies(robots, xacro_arg)

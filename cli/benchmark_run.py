@@ -14,7 +14,7 @@ from .benchmark import FILE_HELP, print_cells
 
 if TYPE_CHECKING:
     from morphkit_rl.benchmark.cells import Plan
-    from morphkit_rl.trainer import Progress
+    from morphkit_rl.training.trainer import Progress
 
 EXAMPLES = (
     "morphkit benchmark run --task cheetahs --split 1 --method limb-former --seeds 3",

@@ -74,7 +74,7 @@ def check(
     if not files:
         raise common.UsageError("say which files to check, or which finding to --explain.")
     from morphkit.errors import DescriptionError, MorphkitError
-    from morphkit.io.packages import parse_packages
+    from morphkit.formats.packages import parse_packages
 
     packages = parse_packages(package or [])
     arguments = common.xacro_arguments(xacro_arg, *files)
@@ -126,7 +126,7 @@ def _check(
 
     path, shown = Path(file), file
     if not path.exists():
-        from morphkit.robots import load
+        from morphkit.registry import load
 
         robot = load(file)
         path, shown = Path(robot.folder or "", robot.file), robot.file

@@ -46,8 +46,8 @@ def xacro_arguments(options: Sequence[str] | None, *targets: str) -> dict[str, d
         ConfigError: An option is not of the form NAME:=VALUE.
         UsageError: There are arguments, and none of the targets is a xacro file.
     """
-    from morphkit.io.xacro import parse_arguments
-    from morphkit.robots import is_xacro
+    from morphkit.formats.xacro import parse_arguments
+    from morphkit.registry import is_xacro
 
     arguments = parse_arguments(options or ())
     if arguments and not any(map(is_xacro, targets)):
@@ -122,9 +122,9 @@ def duration(seconds: float) -> str:
 def load_robots(
     *robots: str, root: str | None, package: Sequence[str] | None, xacro_arg: Sequence[str] | None
 ) -> list[Description]:
-    """Load each of `robots` as `morphkit.robots.load` does, with the options of a command."""
-    from morphkit.io.packages import parse_packages
-    from morphkit.robots import load
+    """Load each of `robots` as `morphkit.registry.load` does, with the options of a command."""
+    from morphkit.formats.packages import parse_packages
+    from morphkit.registry import load
 
     packages = parse_packages(package or ())
     arguments = xacro_arguments(xacro_arg, *robots)
@@ -142,7 +142,7 @@ def load_bodies(targets: Sequence[str], xacro_args: Sequence[str] | None = None)
         UnknownNameError: Two different bodies have one name, so that results could not tell them apart.
     """
     from morphkit.errors import UnknownNameError
-    from morphkit.robots import load_all
+    from morphkit.registry import load_all
 
     bodies: dict[str, Description] = {}
     for target, arguments in xacro_arguments(xacro_args, *targets).items():

@@ -52,7 +52,7 @@ def convert(
     """
     from morphkit.conversion import convert as convert_description
     from morphkit.conversion import write_conversion
-    from morphkit.conversion.writing import check_target
+    from morphkit.conversion.write import check_target
 
     check_target(output, force=force)
     (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg)

@@ -34,7 +34,7 @@ def diff(
     Limbs are found again by name, else by their joints and place. Exit code 0 where nothing changed, 1 where something
     did.
     """
-    from morphkit.comparison import compare
+    from morphkit.comparison.compare import compare
 
     a, b = common.load_robots(first, second, root=root, package=package, xacro_arg=xacro_arg)
     comparison = compare(a, b, tolerance=tolerance)
@@ -44,8 +44,7 @@ def diff(
     if as_json:
         common.print_json(comparison.to_dict())
     else:
-        from morphkit.comparison_tree import render
-
+        from .diff_report import render
         from .terminal import show
 
         show(render(comparison))

@@ -14,7 +14,7 @@ from .table import table, terminal_width
 
 if TYPE_CHECKING:
     from morphkit.description import Description
-    from morphkit_rl.evaluation import RobotResult
+    from morphkit_rl.evaluation.evaluate import RobotResult
 
 VIDEO_SUFFIXES = (".mp4", ".gif")
 VIDEO_WIDTH, VIDEO_HEIGHT = 480, 320
@@ -58,7 +58,7 @@ def evaluate(
         _check_video(video)
     bodies = common.load_bodies(robots, xacro_arg)
 
-    from morphkit_rl.evaluation import evaluate as measure
+    from morphkit_rl.evaluation.evaluate import evaluate as measure
 
     found = measure(run, bodies, episodes=episodes, seed=seed, task=task, base=base)
     if as_json:
@@ -119,8 +119,9 @@ def _print_table(found: Sequence[RobotResult]) -> None:
 
 def _film(run: Path, bodies: Sequence[Description], video: Path, *, seed: int, task: str | None, base: Any) -> None:
     from morphkit.errors import DependencyError
-    from morphkit.viewing import render_frames, resample, write_video
-    from morphkit_rl.evaluation import record
+    from morphkit.viewer.media import write_video
+    from morphkit.viewer.render import render_frames, resample
+    from morphkit_rl.evaluation.evaluate import record
 
     for body in bodies:
         path = video if len(bodies) == 1 else video.with_name(f"{video.stem}-{body.name}{video.suffix}")

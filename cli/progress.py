@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from . import common
 
 if TYPE_CHECKING:
-    from morphkit_rl.progress import Progress
+    from morphkit_rl.training.progress import Progress
 
 LINE_INTERVAL_S = 30.0
 """Time between two lines where stderr is no terminal, s."""

@@ -27,7 +27,7 @@ def robots(
     A name from this list works wherever a file does, and so does the name of a recipe: a body of
     the benchmark that is cut from its full robot when it is asked for, such as cheetah_3_balanced.
     """
-    from morphkit.robots import shipped
+    from morphkit.registry import shipped
 
     rows = [_row(description) for description in shipped()]
     if as_json:
@@ -44,8 +44,8 @@ def robots(
 
 
 def _row(description: Description) -> dict[str, Any]:
-    from morphkit.io import read
-    from morphkit.robots import recipes
+    from morphkit.readers import read
+    from morphkit.registry import recipes
 
     morphology = read(description)
     info = description.info

@@ -64,10 +64,10 @@ def show(
 
 
 def _tree(description: Description) -> None:
-    from morphkit.masses import limb_masses
-    from morphkit.mechanics import base_joints, load_mechanics
-    from morphkit.viewing import tree
+    from morphkit.simulation.inspection_model import base_joints, load_mechanics
+    from morphkit.simulation.limb_inertia import limb_masses
 
+    from .robot_tree import tree
     from .terminal import show as show_text
 
     mechanics = load_mechanics(description, shapes=False)
@@ -76,9 +76,9 @@ def _tree(description: Description) -> None:
 
 
 def _draw(description: Description, path: Path) -> None:
-    from morphkit.mechanics import load_mechanics
-    from morphkit.pictures import check_picture_path, write_png
-    from morphkit.portraits import portrait
+    from morphkit.simulation.inspection_model import load_mechanics
+    from morphkit.viewer.joint_sweep import portrait
+    from morphkit.viewer.media import check_picture_path, write_png
 
     check_picture_path(path)
     mechanics = load_mechanics(description)
@@ -91,9 +91,9 @@ def _film(description: Description, path: Path) -> None:
     from rich.console import Console
     from rich.progress import track
 
-    from morphkit.mechanics import load_mechanics
-    from morphkit.pictures import check_video_path, write_video
-    from morphkit.portraits import FPS, film, swing_shots
+    from morphkit.simulation.inspection_model import load_mechanics
+    from morphkit.viewer.joint_sweep import FPS, film, swing_shots
+    from morphkit.viewer.media import check_video_path, write_video
 
     check_video_path(path)
     mechanics = load_mechanics(description)
@@ -113,7 +113,7 @@ def _film(description: Description, path: Path) -> None:
 
 
 def _browse(description: Description, robot: str, port: int | None, root: str | None) -> None:
-    from morphkit.browser import serve
+    from morphkit.viewer.web import serve
 
     command = ["morphkit", "ablate", robot, *(["--root", root] if root else [])]
     serve(

@@ -12,7 +12,7 @@ from . import common
 from .table import table, terminal_width
 
 if TYPE_CHECKING:
-    from morphkit.tokens import TokenSpec
+    from morphkit.tokens.spec import TokenSpec
 
 SENSOR_COLUMNS = ("index", "sensor token", "text", "limb", "unit", "range", "frame")
 ACTUATOR_COLUMNS = ("index", "actuator token", "text", "limb", "joint", "unit", "range")
@@ -68,10 +68,10 @@ def tokens(
 
     The same file always gives the same bytes.
     """
-    from morphkit.declared import without_scalars
-    from morphkit.io import read
-    from morphkit.token_selection import take_quantities
-    from morphkit.tokens import tokens as make_tokens
+    from morphkit.readers import read
+    from morphkit.tokens.declared_sensors import without_scalars
+    from morphkit.tokens.selection import take_quantities
+    from morphkit.tokens.spec import tokens as make_tokens
 
     (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg)
     morphology = read(description)

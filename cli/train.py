@@ -14,7 +14,7 @@ from . import common
 from .table import table
 
 if TYPE_CHECKING:
-    from morphkit_rl.progress import Progress, TrainSummary
+    from morphkit_rl.training.progress import Progress, TrainSummary
 
 EXAMPLES = (
     "morphkit train cheetah-family --run runs/first --hold-out cheetah-no-ffoot --minutes 8",
@@ -97,8 +97,8 @@ def train(
         raise common.UsageError("say what to train on: robots, files, folders or manifests.")
     bodies = common.load_bodies(robots, xacro_arg)
 
-    from morphkit_rl import trainer
-    from morphkit_rl.config import load_config
+    from morphkit_rl.config.train_config import load_config
+    from morphkit_rl.training import trainer
 
     from .progress import ProgressDisplay
 

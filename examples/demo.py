@@ -51,8 +51,8 @@ def step(title: str, *arguments: object, into: Path | None = None) -> str:
 
 def expert_returns() -> dict[frozenset[str], float]:
     """Expert returns of the benchmark's bodies of this robot, by the limbs that they have."""
-    from morphkit.io import read
-    from morphkit.robots import load, recipes
+    from morphkit.readers import read
+    from morphkit.registry import load, recipes
 
     bodies = [load(name) for name in recipes(ROBOT)]
     return {
@@ -187,9 +187,9 @@ def main() -> None:
 def draw_family(family: Path, path: Path) -> None:
     """Draw the bodies of a folder side by side; say so and go on where there is no OpenGL."""
     from morphkit.errors import DependencyError
-    from morphkit.robots import load_all
-    from morphkit.simulation import build
-    from morphkit.viewing import family_sheet
+    from morphkit.registry import load_all
+    from morphkit.simulation.build import build
+    from morphkit.viewer.media import family_sheet
 
     try:
         family_sheet([build(description) for description in load_all(family)], path)
@@ -200,8 +200,8 @@ def draw_family(family: Path, path: Path) -> None:
 def draw_result(run: Path, results: list[dict[str, Any]], path: Path) -> None:
     """Draw the learning curve, and bars of trained against random; say so and go on without matplotlib."""
     from morphkit.errors import DependencyError
-    from morphkit_rl.metrics import read_metrics
-    from morphkit_rl.plotting import results_figure
+    from morphkit_rl.evaluation.figure import results_figure
+    from morphkit_rl.runs.metrics_log import read_metrics
 
     bars = [SimpleNamespace(**{**result, "normalised": result["score"]}) for result in results]
     try:

@@ -6,8 +6,7 @@
     spec = morphkit.token_spec(morphkit.read(robot))
     family = list(morphkit.sub_morphologies(robot))
 
-Everything is imported on first use, so that `import morphkit` costs nothing. The module `morphkit.tokens` keeps its
-name here, hence its function `tokens` is called `token_spec`.
+Everything is imported on first use, so that `import morphkit` costs nothing.
 """
 
 from __future__ import annotations
@@ -16,29 +15,29 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from morphkit.ablation import Loss, Variant, ablate
+    from morphkit.ablation.ablate import Loss, Variant, ablate
     from morphkit.description import Description, RobotInfo
     from morphkit.errors import MorphkitError
-    from morphkit.family import sub_morphologies
-    from morphkit.io import read
-    from morphkit.manifest import read_manifest
+    from morphkit.families.enumeration import sub_morphologies
+    from morphkit.families.manifest import read_manifest
+    from morphkit.families.write import write_family
     from morphkit.morphology import Actuator, Joint, Limb, Morphology, Sensor
-    from morphkit.robots import load, load_all, recipes, shipped
-    from morphkit.tokens import ActuatorToken, SensorToken, TokenSpec
-    from morphkit.tokens import tokens as token_spec
-    from morphkit.writing import write_family
+    from morphkit.readers import read
+    from morphkit.registry import load, load_all, recipes, shipped
+    from morphkit.tokens.spec import ActuatorToken, SensorToken, TokenSpec
+    from morphkit.tokens.spec import tokens as token_spec
 
 _MODULES = {
-    "morphkit.ablation": ("Loss", "Variant", "ablate"),
+    "morphkit.ablation.ablate": ("Loss", "Variant", "ablate"),
     "morphkit.description": ("Description", "RobotInfo"),
     "morphkit.errors": ("MorphkitError",),
-    "morphkit.family": ("sub_morphologies",),
+    "morphkit.families.enumeration": ("sub_morphologies",),
     "morphkit.io": ("read",),
-    "morphkit.manifest": ("read_manifest",),
+    "morphkit.families.manifest": ("read_manifest",),
     "morphkit.morphology": ("Actuator", "Joint", "Limb", "Morphology", "Sensor"),
-    "morphkit.robots": ("load", "load_all", "recipes", "shipped"),
-    "morphkit.writing": ("write_family",),
-    "morphkit.tokens": ("ActuatorToken", "SensorToken", "TokenSpec"),
+    "morphkit.registry": ("load", "load_all", "recipes", "shipped"),
+    "morphkit.families.write": ("write_family",),
+    "morphkit.tokens.spec": ("ActuatorToken", "SensorToken", "TokenSpec"),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
@@ -76,7 +75,7 @@ def __getattr__(name: str) -> Any:
 
         return version("morphkit")
     if name == "token_spec":
-        return importlib.import_module("morphkit.tokens").tokens
+        return importlib.import_module("morphkit.tokens.spec").tokens
     if name not in _HOME:
         raise AttributeError(f"module 'morphkit' has no attribute {name!r}")
     return getattr(importlib.import_module(_HOME[name]), name)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from morphkit.conversion.converting import Conversion, convert
-from morphkit.conversion.counterparts import Missing
-from morphkit.conversion.writing import write_conversion
+from morphkit.conversion.convert import Conversion, convert
+from morphkit.conversion.unsupported import Missing
+from morphkit.conversion.write import write_conversion
 
 __all__ = ["Conversion", "Missing", "convert", "write_conversion"]

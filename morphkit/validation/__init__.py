@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from morphkit.validation.checking import check
-from morphkit.validation.finding import SEVERITIES, Finding, Report, Rule, Severity, find_rule, rules
+from morphkit.validation.check import check
+from morphkit.validation.findings import SEVERITIES, Finding, Report, Rule, Severity, find_rule, rules
 
 __all__ = ["SEVERITIES", "Finding", "Report", "Rule", "Severity", "check", "find_rule", "rules"]

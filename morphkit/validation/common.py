@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-from morphkit.io.common import nearest
+from morphkit.readers.common import nearest
 from morphkit.validation.document import Document
 
 _BAD_NAME = re.compile(r"""^\s|\s$|["'<>&\\`]|[\x00-\x1f\x7f]|^$""")

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from morphkit.errors import AssetError, DescriptionError
-from morphkit.io import xml
-from morphkit.io.resolve import resolve_asset
-from morphkit.io.xacro import expand
-from morphkit.validation.finding import Report
+from morphkit.formats import xml
+from morphkit.formats.resolve import resolve_asset
+from morphkit.formats.xacro import expand
+from morphkit.validation.findings import Report
 
 MAX_INCLUDES = 1000
 _MAX_HINTS = 50

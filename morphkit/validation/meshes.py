@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from morphkit.cutting.frames import Pose
-from morphkit.mesh_files import MAX_STL_FACES
+from morphkit.formats.poses import Pose
+from morphkit.simulation.mesh_files import MAX_STL_FACES
 from morphkit.validation.document import Document
 
 FORMATS = (".stl", ".obj", ".msh")

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from morphkit.cutting.defaults import Defaults
-from morphkit.cutting.frames import Angles, identity
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
-from morphkit.io.attached import files_of_model
-from morphkit.validation.bodies import Shape, check_body
+from morphkit.formats.mjcf_attach import files_of_model
+from morphkit.formats.mjcf_defaults import Defaults
+from morphkit.formats.poses import Angles, identity
 from morphkit.validation.document import Document, elements, one_line
+from morphkit.validation.mass_properties import Shape, check_body
 from morphkit.validation.meshes import MeshFacts, MeshUse, corners
 
 _FILES = ("file", "fileback", "filedown", "filefront", "fileleft", "fileright", "fileup")

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from morphkit.cutting.defaults import Defaults
+from morphkit.formats.mjcf_defaults import Defaults
 from morphkit.validation.common import read_numbers
 from morphkit.validation.document import Document, elements
 from morphkit.validation.inertia import check_tensor, symmetric

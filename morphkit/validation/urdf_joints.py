@@ -7,7 +7,7 @@ from typing import Any
 
 from morphkit.validation.common import read_numbers, unknown
 from morphkit.validation.document import Document, elements
-from morphkit.validation.urdf import UrdfTree
+from morphkit.validation.urdf_tree import UrdfTree
 
 _ONE, _THREE = range(1, 2), range(3, 4)
 _NEEDS_LIMIT = ("revolute", "prismatic")

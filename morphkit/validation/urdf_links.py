@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from morphkit.cutting.frames import Pose, identity, urdf_pose
+from morphkit.formats.poses import Pose, identity, urdf_pose
 from morphkit.validation.common import read_numbers
 from morphkit.validation.document import Document, elements
 from morphkit.validation.inertia import check_tensor, symmetric
 from morphkit.validation.meshes import MeshUse
-from morphkit.validation.urdf import UrdfTree
+from morphkit.validation.urdf_tree import UrdfTree
 
 _ONE, _THREE = range(1, 2), range(3, 4)
 _MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")

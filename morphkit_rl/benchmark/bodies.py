@@ -10,8 +10,8 @@ import numpy as np
 
 from morphkit.description import Description
 from morphkit.errors import ConfigError
-from morphkit.io import read
-from morphkit.robots import load_all
+from morphkit.readers import read
+from morphkit.registry import load_all
 from morphkit_rl.benchmark.definition import Benchmark
 
 VALIDATION_SHARE = 0.25

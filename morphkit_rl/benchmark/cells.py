@@ -15,10 +15,10 @@ from typing import Any, Literal
 from morphkit.description import Description
 from morphkit.errors import CheckpointError, ConfigError, OutputError
 from morphkit_rl.benchmark.bodies import Bodies
-from morphkit_rl.config import TrainConfig
-from morphkit_rl.files import write_text
-from morphkit_rl.lock import locked, owner
-from morphkit_rl.metrics import read_metrics
+from morphkit_rl.config.train_config import TrainConfig
+from morphkit_rl.runs.files import write_text
+from morphkit_rl.runs.lock import locked, owner
+from morphkit_rl.runs.metrics_log import read_metrics
 
 FORMAT_VERSION = 1
 CELL, RUN, TRAINING, RESULT, FAILURE = "cell.json", "run", "training.json", "result.json", "failure.json"

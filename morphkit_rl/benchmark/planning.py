@@ -11,7 +11,7 @@ from morphkit_rl.benchmark.definition import Benchmark
 from morphkit_rl.benchmark.methods import method_config
 from morphkit_rl.benchmark.published import published_steps
 from morphkit_rl.models import find
-from morphkit_rl.runs import prepare_robot
+from morphkit_rl.runs.run_settings import prepare_robot
 
 EPISODES = 10
 """Noise-free episodes a robot in the published protocol."""

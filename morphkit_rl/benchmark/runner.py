@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from morphkit.errors import MorphkitError
-from morphkit_rl import trainer
 from morphkit_rl.benchmark import cells
 from morphkit_rl.benchmark.cells import Plan
-from morphkit_rl.evaluation import RobotResult, evaluate
-from morphkit_rl.files import write_text
-from morphkit_rl.lock import hold
-from morphkit_rl.metrics import read_metrics
-from morphkit_rl.trainer import Progress
+from morphkit_rl.evaluation.evaluate import RobotResult, evaluate
+from morphkit_rl.runs.files import write_text
+from morphkit_rl.runs.lock import hold
+from morphkit_rl.runs.metrics_log import read_metrics
+from morphkit_rl.training import trainer
+from morphkit_rl.training.trainer import Progress
 
 EVALUATION_SEED = 10_000
 """A cell's final evaluation starts from this seed plus its own, so that methods meet the same start states."""

@@ -18,7 +18,7 @@ from morphkit_rl.benchmark.statistics import (
     interquartile_mean,
     probability_of_improvement,
 )
-from morphkit_rl.episodes import normalised
+from morphkit_rl.evaluation.episodes import normalised
 
 Role = Literal["train", "validation", "test"]
 

@@ -8,11 +8,11 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from morphkit.completion import NUMBERS_PER_LIMB
-from morphkit.naming import limb_type
-from morphkit.simulation import Simulation
-from morphkit.token_names import VELOCITY_LIMIT
-from morphkit.tokens import TokenSpec
+from morphkit.naming.limbs import limb_type
+from morphkit.simulation.build import Simulation
+from morphkit.simulation.completion import NUMBERS_PER_LIMB
+from morphkit.tokens.names import VELOCITY_LIMIT
+from morphkit.tokens.spec import TokenSpec
 from morphkit_rl.envs.selection import sensor_columns
 
 Observation = Literal["fixed", "legacy"]

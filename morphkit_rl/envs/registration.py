@@ -22,8 +22,8 @@ def register_robots() -> tuple[str, ...]:
         if env_id not in gymnasium.registry:
             gymnasium.register(
                 env_id,
-                entry_point="morphkit_rl.envs.vector:MorphEnv",
-                vector_entry_point="morphkit_rl.envs.vector:MorphVectorEnv",
+                entry_point="morphkit_rl.envs.gym_env:MorphEnv",
+                vector_entry_point="morphkit_rl.envs.gym_env:MorphVectorEnv",
                 kwargs={"robot": name},
             )
     return tuple(sorted(ids))

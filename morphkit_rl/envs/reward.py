@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import mujoco
 import numpy as np
 
-from morphkit.simulation import Simulation
+from morphkit.simulation.build import Simulation
 from morphkit_rl.envs.tasks import Task, start_pose
 
 

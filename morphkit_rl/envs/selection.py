@@ -7,7 +7,7 @@ from collections import defaultdict
 import numpy as np
 
 from morphkit.errors import ConfigError
-from morphkit.tokens import TokenSpec
+from morphkit.tokens.spec import TokenSpec
 
 
 def sensor_columns(spec: TokenSpec, full: TokenSpec) -> np.ndarray:

@@ -15,8 +15,8 @@ from mujoco import _callbacks
 from mujoco.rollout import Rollout
 
 from morphkit.errors import DescriptionError
-from morphkit.quiet import no_warnings
-from morphkit.simulation import Simulation
+from morphkit.simulation.build import Simulation
+from morphkit.simulation.mujoco_warnings import no_warnings
 from morphkit_rl.envs.tasks import Task
 
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value

@@ -10,9 +10,9 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from morphkit.completion import lowest_point
 from morphkit.errors import ConfigError, UnknownNameError
-from morphkit.simulation import Simulation
+from morphkit.simulation.build import Simulation
+from morphkit.simulation.completion import lowest_point
 
 Range = tuple[float, float]
 

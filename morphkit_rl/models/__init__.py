@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
     from torch import nn
 
-    from morphkit.tokens import TokenSpec
-    from morphkit_rl.config import ModelConfig
+    from morphkit.tokens.spec import TokenSpec
+    from morphkit_rl.config.train_config import ModelConfig
     from morphkit_rl.models.layout import Actions
     from morphkit_rl.models.vocabulary import Vocabulary
 
@@ -59,7 +59,7 @@ class Method:
         self, config: ModelConfig, embedding_size: int, vocabulary: Vocabulary, tune: Tuner | None = None
     ) -> tuple[Any, Any]:
         """Make actor and twin critics; `tune` as in `morphkit_rl.models.build`."""
-        from morphkit_rl.models.tuned import TunedActor, TunedCritic
+        from morphkit_rl.models.tuned_embeddings import TunedActor, TunedCritic
 
         actor, critic = self._module().build(config, embedding_size, vocabulary)
         if tune is None or self.reads_names == "none":
@@ -76,8 +76,8 @@ METHODS: dict[str, Method] = {
         Method(
             "limb-former", "transformer over limbs whose weights follow from names", "actuators", "limb_former", "both"
         ),
-        Method("ma-bert", "transformer over scalars named by embeddings of texts", "limbs", "token_former", "actor"),
-        Method("anymorph", "transformer over scalars with learned embeddings of their names", "limbs", "token_former"),
+        Method("ma-bert", "transformer over scalars named by embeddings of texts", "limbs", "ma_bert", "actor"),
+        Method("anymorph", "transformer over scalars with learned embeddings of their names", "limbs", "ma_bert"),
         Method("amorpheus", "transformer over limbs that knows neither names nor kinship", "limbs", "amorpheus"),
         Method("smp", "one module for all limbs, with messages along the tree", "limbs", "smp"),
     )
@@ -121,7 +121,7 @@ def load_published(
     parents: Sequence[int],
     num_heads: int = 2,
 ) -> tuple[Any, Any]:
-    """Actor and twin critics from weights of the published programs; see `morphkit_rl.models.published`."""
-    from morphkit_rl.models import published
+    """Actor and twin critics from weights of the published programs; see `morphkit_rl.models.published.load`."""
+    from morphkit_rl.models.published import load
 
-    return published.load_published(method, tensors, limbs, parents, num_heads)
+    return load.load_published(method, tensors, limbs, parents, num_heads)

@@ -17,11 +17,11 @@ import math
 import torch
 from torch import Tensor, nn
 
-from morphkit.tokens import TokenSpec
-from morphkit_rl.config import ModelConfig
+from morphkit.tokens.spec import TokenSpec
+from morphkit_rl.config.train_config import ModelConfig
 from morphkit_rl.models.blocks import MemberLinear
 from morphkit_rl.models.layout import Layout
-from morphkit_rl.models.limbs import check_limbs
+from morphkit_rl.models.limb_checks import check_limbs
 from morphkit_rl.models.transformer import Encoder
 from morphkit_rl.models.vocabulary import Vocabulary
 

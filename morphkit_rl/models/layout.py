@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from morphkit.tokens import TokenSpec
+from morphkit.tokens.spec import TokenSpec
 
 SELF, PARENT, CHILD, OTHER, FOREIGN = range(5)
 

@@ -20,8 +20,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from morphkit.tokens import TokenSpec
-from morphkit_rl.config import ModelConfig
+from morphkit.tokens.spec import TokenSpec
+from morphkit_rl.config.train_config import ModelConfig
 from morphkit_rl.models.blocks import MemberLinear, TransformerLayer
 from morphkit_rl.models.layout import FOREIGN, Layout, Slots
 from morphkit_rl.models.vocabulary import Vocabulary

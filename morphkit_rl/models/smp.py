@@ -23,13 +23,13 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from morphkit.tokens import TokenSpec
-from morphkit_rl.config import ModelConfig
+from morphkit.tokens.spec import TokenSpec
+from morphkit_rl.config.train_config import ModelConfig
 from morphkit_rl.kernels import mlp
 from morphkit_rl.models.blocks import MemberLinear, affine, first
 from morphkit_rl.models.layout import Layout
-from morphkit_rl.models.limbs import check_children, check_limbs
-from morphkit_rl.models.tree import Tree, tree
+from morphkit_rl.models.limb_checks import check_children, check_limbs
+from morphkit_rl.models.smp_tree import Tree, tree
 from morphkit_rl.models.vocabulary import Vocabulary
 
 Direction = Literal["both", "up", "down", "none"]

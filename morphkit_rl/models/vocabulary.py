@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from morphkit.tokens import TokenSpec
+from morphkit.tokens.spec import TokenSpec
 from morphkit_rl.models.layout import limb_action, parent_indices
 
 

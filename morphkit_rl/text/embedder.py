@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from morphkit_rl.text.controls import Source
+from morphkit_rl.text.baselines import Source
 
 
 class TokenEmbedder:

@@ -11,7 +11,7 @@ import numpy as np
 
 from morphkit.errors import ConfigError, DependencyError
 from morphkit_rl.text.cache import EmbeddingCache
-from morphkit_rl.text.source import ModelSource, Pooling, find_model
+from morphkit_rl.text.model_files import ModelSource, Pooling, find_model
 
 
 class TextEncoder:

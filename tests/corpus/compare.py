@@ -10,9 +10,9 @@ from unittest import mock
 import mujoco
 import numpy as np
 
-from morphkit import loading
 from morphkit.description import Description
-from morphkit.loading import load_spec
+from morphkit.simulation import spec as mujoco_spec
+from morphkit.simulation.spec import load_spec
 
 from .mend import Missing, lose_field, mend, mend_urdf, missing_in
 
@@ -45,8 +45,8 @@ def _parse(description: Description, form: Form) -> mujoco.MjSpec:
     if description.format == "urdf":
         description = replace(description, source=mend_urdf(description.source, file=description.file))
     with (
-        mock.patch.object(loading, "_mesh_bytes", return_value=("stand_in.obj", _STAND_IN)),
-        mock.patch.object(loading, "drop_shape", lose_field),
+        mock.patch.object(mujoco_spec, "_mesh_bytes", return_value=("stand_in.obj", _STAND_IN)),
+        mock.patch.object(mujoco_spec, "drop_shape", lose_field),
     ):
         return load_spec(description, incomplete=set())[0]
 

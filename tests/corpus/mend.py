@@ -9,7 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from morphkit.io import xml
+from morphkit.formats import xml
 
 SMALL_M = 1e-3
 _SIZES = {"SPHERE": 1, "CAPSULE": 2, "CYLINDER": 2, "BOX": 3, "ELLIPSOID": 3}

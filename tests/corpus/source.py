@@ -9,8 +9,8 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
-from morphkit.ablation import Loss
-from morphkit.io import xml
+from morphkit.ablation.ablate import Loss
+from morphkit.formats import xml
 
 _WORD = re.compile(rb"[\w.+-]+|[^\w\s]")
 _KINDS = {"key": "keyframe", "body": "name"}

@@ -11,14 +11,15 @@ from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
-from morphkit import loading
-from morphkit.ablation import Cutter, Variant
+from morphkit.ablation.ablate import Cutter, Variant
 from morphkit.description import Description
 from morphkit.errors import MorphkitError
-from morphkit.io import read, xml
-from morphkit.io.resolve import flatten_includes
-from morphkit.robots import load
-from morphkit.tokens import tokens
+from morphkit.formats import xml
+from morphkit.formats.resolve import flatten_includes
+from morphkit.readers import read
+from morphkit.registry import load
+from morphkit.simulation import spec as mujoco_spec
+from morphkit.tokens.spec import tokens
 
 from .compare import Form, differences, forms, has_meshes, missing_names, spec_of, without_body
 from .source import foreign_lines, unexplained
@@ -134,7 +135,9 @@ def _check_source(before: bytes, variant: Variant, limb: str, bodies: list[str],
 def main() -> None:
     """Try the files that stdin lists, one a line; print `START file`, then its outcomes as JSON."""
     cuts, collection = "--tokens-only" not in sys.argv, Path(sys.argv[1]).resolve()
-    loading.read_for_mujoco = lru_cache(maxsize=1000)(loading.read_for_mujoco)  # robots of a collection share meshes
+    mujoco_spec.read_for_mujoco = lru_cache(maxsize=1000)(
+        mujoco_spec.read_for_mujoco
+    )  # robots of a collection share meshes
     for line in sys.stdin:
         path = line.strip()
         print("START", path, flush=True)

@@ -122,7 +122,7 @@ def test_toolkit_never_imports_torch(tmp_path: Path, arguments: list[str]) -> No
         cwd=tmp_path, env=environment(), capture_output=True, text=True, check=True,
     )  # fmt: skip
     modules = set(done.stdout.splitlines()[-1].split())
-    assert "morphkit.robots" in modules
+    assert "morphkit.registry" in modules
     assert not {"torch", "transformers", "gymnasium"} & modules
 
 

@@ -7,12 +7,13 @@ import zlib
 
 import mujoco
 
-from morphkit.ablation import ablate
+from morphkit.ablation.ablate import ablate
 from morphkit.description import Description
 from morphkit.errors import MorphkitError
-from morphkit.io import read, xml
-from morphkit.simulation import compile_plain
-from morphkit.tokens import TokenSpec, tokens
+from morphkit.formats import xml
+from morphkit.readers import read
+from morphkit.simulation.build import compile_plain
+from morphkit.tokens.spec import TokenSpec, tokens
 
 
 def attempt(source: bytes) -> str:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from morphkit.io import read
-from morphkit.robots import load, shipped
-from morphkit.tokens import Naming, TokenSpec, tokens
+from morphkit.readers import read
+from morphkit.registry import load, shipped
+from morphkit.tokens.spec import Naming, TokenSpec, tokens
 
 FOLDER = Path(__file__).parent / "tokens"
 NAMINGS: tuple[Naming, ...] = ("raw", "canonical")

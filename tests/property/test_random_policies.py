@@ -10,14 +10,14 @@ import numpy as np
 import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from trees import mjcf_robots, urdf_robots
 
 from morphkit.description import Description
-from morphkit.io import read
-from morphkit.tokens import tokens
-from morphkit_rl.config import ModelConfig
+from morphkit.readers import read
+from morphkit.tokens.spec import tokens
+from morphkit_rl.config.train_config import ModelConfig
 from morphkit_rl.models import build
 from morphkit_rl.models.layout import build_layout
+from tests.support.trees import mjcf_robots, urdf_robots
 
 SIZE = 6
 

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from trees import mjcf_robots, urdf_robots
 
-from morphkit.ablation import ablate
+from morphkit.ablation.ablate import ablate
 from morphkit.description import Description
-from morphkit.io import read
-from morphkit.tokens import tokens
+from morphkit.readers import read
+from morphkit.tokens.spec import tokens
+from tests.support.trees import mjcf_robots, urdf_robots
 
 robots = st.one_of(mjcf_robots(), urdf_robots())
 quick = settings(

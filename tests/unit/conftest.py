@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from morphkit import opengl
 from morphkit.conversion import Conversion, convert, write_conversion
 from morphkit.errors import DependencyError
-from morphkit.robots import load
+from morphkit.registry import load
+from morphkit.viewer import offscreen
 
 
 @pytest.fixture(scope="session")
@@ -53,7 +53,7 @@ def tiny_bert(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def everything(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A URDF with every kind of joint and mesh."""
-    from everything_urdf import robot
+    from tests.support.everything_urdf import robot
 
     return robot(tmp_path_factory.mktemp("robot"))
 
@@ -71,6 +71,6 @@ def converted(everything: Path, tmp_path_factory: pytest.TempPathFactory) -> tup
 def gl() -> None:
     """Skip the test where pictures cannot be drawn."""
     try:
-        opengl.open_context(8, 8).free()
+        offscreen.open_context(8, 8).free()
     except DependencyError as error:
         pytest.skip(str(error))

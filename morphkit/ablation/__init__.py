@@ -1,0 +1,1 @@
+"""Cutting limbs off a robot by editing its source file."""

@@ -1,0 +1,185 @@
+"""An MJCF file ready to be cut: includes flattened, every body found, and expanded by MuJoCo where need be."""
+
+from __future__ import annotations
+
+import os
+import posixpath
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import mujoco
+
+from morphkit.ablation.loss import Loss
+from morphkit.ablation.mjcf import body_elements
+from morphkit.ablation.mjcf_keyframes import Layout
+from morphkit.ablation.mjcf_names import Given, given_names, parse_tree, unnamed
+from morphkit.ablation.mjcf_references import Bones
+from morphkit.description import Description
+from morphkit.errors import AssetError, DescriptionError
+from morphkit.formats.assets import mentions
+from morphkit.formats.mjcf_names import name_elements
+from morphkit.formats.resolve import flatten_includes, locate
+from morphkit.formats.skin import bone_names
+from morphkit.formats.source import Source
+from morphkit.formats.xml import parse, read_limited, serialize
+
+_EXPANDERS = ("replicate", "attach", "flexcomp", "composite")
+_MADE = "limbs made by replicate, attach or flexcomp"
+
+
+@dataclass(frozen=True)
+class MjcfFile:
+    """An editable MJCF file.
+
+    Attributes:
+        source: The file, includes flattened.
+        bodies: Element of each body, by the name that the reader gives it, in file order.
+        given: Names of elements without one, as the reader gives them.
+        layout: That of its keyframes.
+        bones: The bodies that its skin files name.
+        findings: What had to be done to the file before it could be cut.
+    """
+
+    source: Source
+    bodies: dict[str, Any]
+    given: Given
+    layout: Layout
+    bones: Bones
+    findings: tuple[Loss, ...]
+
+
+class MjcfOpener:
+    """Opens an MJCF description for cutting, any number of times; what all times share is done once."""
+
+    def __init__(self, description: Description) -> None:
+        self._description = description
+        self._findings: tuple[Loss, ...] = ()
+        tree = parse(description.source, file=description.file)
+        if next(tree.iter("include"), None) is not None:
+            flatten_includes(tree, description.folder, file=description.file, packages=description.packages)
+            self._description = replace(description, source=serialize(tree))
+            self._findings = (Loss("format", "include", "", "included files were written into the description"),)
+
+    def open(self, wanted: Sequence[str]) -> MjcfFile:
+        """Open the file for cutting at the bodies `wanted`.
+
+        Bodies that only exist once MuJoCo has expanded `replicate` or `attach` are cut in what MuJoCo writes out; a
+        finding of kind `format` says so.
+
+        Raises:
+            AssetError: MuJoCo has to write the file out and a mesh is missing.
+        """
+        file = self._written.open(self._findings)
+        if self._expandable and not _reachable(file, wanted):
+            reason = f"{_MADE} were cut in MuJoCo's own output; comments and layout are lost"
+            return self._expanded.open((*self._findings, Loss("format", self._description.file, "", reason)))
+        return file
+
+    @cached_property
+    def _written(self) -> _Shared:
+        return _Shared(self._description)
+
+    @cached_property
+    def _expandable(self) -> bool:
+        return next(parse(self._description.source, file=self._description.file).iter(*_EXPANDERS), None) is not None
+
+    @cached_property
+    def _expanded(self) -> _Shared:
+        return _Shared(replace(self._description, source=_write_out(self._description)))
+
+
+class _Shared:
+    """What every edit of one file shares."""
+
+    def __init__(self, description: Description) -> None:
+        self._source = Source(description.source, file=description.file)
+        self._description = description
+        self._layout: Layout | None = None
+        self._bones = _bones(self._source.root, description)
+        elements = body_elements(self._source.root)
+        given = given_names(self._source.root, description)
+        self._given = [name for _, name in given]
+        called = {id(element): name for element, name in given}
+        self._names = [element.get("name") or called[id(element)] for element in elements]
+
+    def open(self, findings: tuple[Loss, ...]) -> MjcfFile:
+        if self._layout is None:
+            self._layout = Layout(self._source.root, self._description)
+        source = self._source.again()
+        elements = zip(self._names, body_elements(source.root), strict=True)
+        bodies = {name: element for name, element in elements if name is not None}
+        given = list(zip(unnamed(source.root), self._given, strict=True))
+        return MjcfFile(source, bodies, given, self._layout, self._bones, findings)
+
+
+def open_mjcf(description: Description, wanted: Sequence[str]) -> MjcfFile:
+    """Open an MJCF description once; see `MjcfOpener.open`."""
+    return MjcfOpener(description).open(wanted)
+
+
+def _reachable(file: MjcfFile, wanted: Sequence[str]) -> bool:
+    """Whether all bodies `wanted` stand in the file, and nothing around or below them has to be expanded."""
+    if any(name not in file.bodies or next(file.bodies[name].iter(*_EXPANDERS), None) is not None for name in wanted):
+        return False
+    return not any(above.tag in _EXPANDERS for name in wanted for above in file.bodies[name].iterancestors())
+
+
+def _bones(root: Any, description: Description) -> Bones:
+    """The bodies that each skin file names; a file that cannot be read names none."""
+    bones = {}
+    for skin in root.iter("skin"):
+        file = skin.get("file")
+        if file is not None:
+            folders = [compiler.get("meshdir", compiler.get("assetdir")) for compiler in root.iterfind("compiler")]
+            folder = next((path for path in reversed(folders) if path), "")
+            try:
+                bones[file] = bone_names(read_limited(locate(posixpath.join(folder, file), description)))
+            except (OSError, DescriptionError):
+                continue
+    return bones
+
+
+def _write_out(description: Description) -> bytes:
+    spec = _parse_spec(description)
+    if description.folder is not None:
+        spec.modelfiledir = str(description.folder)
+    # Keep numbers at full precision and defaults as they were.
+    spec.compiler.savecompiled = False
+    spec.compiler.savecanonical = False
+    try:
+        spec.compile()
+        return _inner_paths(str(spec.to_xml()).encode(), description)
+    except (ValueError, RuntimeError) as error:
+        raise AssetError(
+            f"{description.file}: {_MADE} can only be cut in MuJoCo's output, and MuJoCo cannot compile the file:"
+            f" {' '.join(str(error).split())}"
+        ) from None
+
+
+def _parse_spec(description: Description) -> mujoco.MjSpec:
+    """The model as MuJoCo parses it, every body named as the reader names it."""
+    spec = parse_tree(parse(description.source, file=description.file), description)
+    name_elements(spec)
+    return spec
+
+
+def _inner_paths(source: bytes, description: Description) -> bytes:
+    """Call the files of attached models, which `attach_models` calls by their whole paths, as seen from the folder."""
+    tree = parse(source, file=description.file)
+    root = tree.getroot()
+    named = list(mentions(root))
+    if description.folder is None or not any(posixpath.isabs(each.reference) for each in named):
+        return source
+    for each in named:
+        path = each.reference
+        if posixpath.isabs(path) and Path(path).is_relative_to(description.folder.resolve()):
+            path = Path(os.path.relpath(path, description.folder.resolve())).as_posix()
+        each.element.set(each.attribute, path)
+    for compiler in root.iterfind("compiler"):
+        for attribute in ("meshdir", "texturedir", "assetdir", "strippath"):
+            if attribute in compiler.attrib:
+                del compiler.attrib[attribute]
+    return serialize(tree)

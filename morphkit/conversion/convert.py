@@ -1,0 +1,228 @@
+"""A URDF description -> an MJCF with motors, limits and meshes that MuJoCo compiles and steps."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from morphkit.conversion.inertia import settle_masses
+from morphkit.conversion.timestep import settle_timestep
+from morphkit.conversion.unsupported import Missing, without_counterpart
+from morphkit.description import Description
+from morphkit.errors import ConfigError, DescriptionError
+from morphkit.formats import xml
+from morphkit.formats.urdf_names import name_elements
+from morphkit.morphology import Base, Morphology
+from morphkit.readers import read
+from morphkit.simulation import completion
+from morphkit.simulation.spec import compile_spec, drop_shape, load_spec
+
+_ELEMENT = re.compile(r"Element name '(.*?)', id \d+", re.DOTALL)
+_DIGEST, _LONGEST_STEM = 8, 50
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """An MJCF made of a URDF.
+
+    Attributes:
+        description: The URDF.
+        base: How its root is attached to the world.
+        spec: The model; `spec.assets` holds its meshes by their file name, among other names.
+        notes: One sentence for each thing that was added, changed or left out.
+        missing: What has no counterpart in MJCF.
+        bodies: Number of bodies.
+        joints: Number of joints, those of a free or planar base included.
+        motors: Number of motors.
+        mass: Mass of the robot, kg.
+    """
+
+    description: Description
+    base: Base
+    spec: mujoco.MjSpec
+    notes: tuple[str, ...]
+    missing: tuple[Missing, ...]
+    bodies: int
+    joints: int
+    motors: int
+    mass: float
+
+
+def convert(description: Description, *, base: Base | None = None, floor: bool | None = None) -> Conversion:
+    """Convert a URDF.
+
+    Every link becomes a body, fixed ones included; joints keep names, axes, limits, damping and friction; a mimic
+    becomes an equality; joints with an effort limit get a motor of gear 1 whose control is bounded by it. What URDF
+    leaves open is settled as in `simulation.build`: armature, damping where none is given, time step, and links that do
+    not collide with each other.
+
+    Args:
+        description: The URDF.
+        base: How to attach a root that no joint attaches; None takes what the description says.
+        floor: Whether to add a floor; None adds one where the base is not fixed. A root that can move is then raised
+            until the robot starts 1 cm above it.
+
+    Raises:
+        ConfigError: It is an MJCF already, or `base` contradicts the joint that attaches the root.
+        DescriptionError: It cannot be read, or MuJoCo cannot compile or step what it says.
+        AssetError: A mesh that contacts need is missing.
+    """
+    if description.format != "urdf":
+        raise ConfigError(f"{description.file}: is an MJCF model already; MuJoCo reads it as it is")
+    morphology = read(description)
+    tree = xml.parse(description.source, file=description.file)
+    missing = tuple(without_counterpart(tree.getroot()))
+    name_elements(tree.getroot(), file=description.file)
+    notes = [*_prepare(tree.getroot(), morphology)]
+    prepared = replace(description, source=xml.serialize(tree))
+    spec, dropped = load_spec(prepared)
+    notes += dropped
+    root = spec.body(morphology.root.name)
+    if root is None:
+        raise DescriptionError(f"{description.file}: MuJoCo made no body of root {morphology.root.name!r}")
+    if len(spec.bodies) == 1:
+        raise DescriptionError(
+            f"{description.file}: there is no link but {root.name!r}; a xacro macro may stand for the rest: expand it"
+            f" first: xacro {description.file} > robot.urdf"
+        )
+    own_base = morphology.base if list(root.joints) else None
+    if own_base is not None and base not in (None, own_base):
+        raise ConfigError(
+            f"{description.file}: base {base!r} was asked for, but a joint of {root.name!r} makes it {own_base}"
+        )
+    base = own_base or base or morphology.base
+    completion.settle_urdf(spec, description)
+    notes.append(
+        f"joints got armature {completion.URDF_ARMATURE:g}, those without damping {completion.URDF_DAMPING:g} and as"
+        " much as holds them at their velocity limits; links do not collide with each other"
+    )
+    for joint in spec.joints:
+        if not np.isfinite(joint.actfrcrange).all():  # of an infinite effort limit
+            joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_FALSE, [0, 0]
+    notes += settle_masses(spec, moving=() if base == "fixed" else (root.name,))
+    notes += _settle_meshes(spec, description.file)
+    floor = base != "fixed" if floor is None else floor
+    if base != "fixed":
+        if floor:
+            model = compile_spec(spec.copy(), description.file)
+            root.pos[2] += completion.CLEARANCE_M - completion.lowest_point(model, model.body(root.name).id)
+        if own_base is None:
+            completion.add_base_joints(spec, root, base)
+            notes.append(f"a {base} base was added at {root.name!r}")
+        notes.append(f"{root.name!r} starts at height {root.pos[2]:.3f} m")
+    if floor and completion.add_floor(spec, solid=base != "fixed"):
+        notes.append("a floor was added")
+    completion.add_motors(spec, morphology.actuators)
+    notes += _motor_notes(morphology)
+    _name_meshes(spec)
+    model = compile_spec(spec, description.file)
+    notes += settle_timestep(spec, model, description.file)
+    return Conversion(
+        description=description,
+        base=base,
+        spec=spec,
+        notes=tuple(notes),
+        missing=missing,
+        bodies=int(model.nbody) - 1,
+        joints=int(model.njnt),
+        motors=int(model.nu),
+        mass=float(model.body_subtreemass[model.body(root.name).id]),
+    )
+
+
+def _prepare(robot: Any, morphology: Morphology) -> Iterator[str]:
+    """Leave out other roots and what is named twice, in place."""
+    wanted = {member for limb in morphology.limbs for member in limb.members}
+    for joint in list(robot.iterchildren("joint")):
+        if joint.find("child").get("link") not in wanted:
+            robot.remove(joint)
+    for link in list(robot.iterchildren("link")):
+        name = link.get("name")
+        if name not in wanted and not (name == "world" and robot.find("joint/parent[@link='world']") is not None):
+            robot.remove(link)
+            yield f"link {name!r} is no part of the tree below {morphology.root.name!r} and was left out"
+    seen: set[str] = set()
+    for part in robot.iter("visual", "collision"):
+        name = part.get("name")
+        if name in seen:  # URDF allows that, MuJoCo does not
+            del part.attrib["name"]
+        elif name is not None:
+            seen.add(name)
+
+
+def _settle_meshes(spec: mujoco.MjSpec, file: str) -> Iterator[str]:
+    """Make MuJoCo accept every mesh: flat ones as shells; what it still refuses goes, which is said."""
+    for _ in range(2 * len(spec.meshes)):
+        try:
+            with_joints = spec.copy()
+            with_joints.compile()
+            return
+        except ValueError as error:
+            named = _ELEMENT.search(str(error))
+            mesh = spec.mesh(named[1]) if named is not None else None
+            if mesh is None:
+                return  # not about a mesh; the final compilation reports it
+            shell = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+            users = [geom for geom in spec.geoms if geom.meshname == mesh.name]
+            if mesh.inertia != shell and "volume" in str(error):
+                mesh.inertia = shell
+                continue
+            reason = " ".join(str(error).split("\n")[0].split())
+            if any(geom.contype or geom.conaffinity for geom in users):
+                raise DescriptionError(f"{file}: mesh {mesh.file!r} is needed for contacts: {reason}") from error
+            yield f"visual mesh {mesh.file!r} was left out: MuJoCo: {reason}"
+            drop_shape(spec, mesh, users)
+
+
+def _motor_notes(morphology: Morphology) -> Iterator[str]:
+    bounded = [each for each in morphology.actuators if np.isfinite(each.high)]
+    if bounded:
+        yield f"{len(bounded)} motors were added, each bounded by its joint's effort limit"
+    for actuator in morphology.actuators:
+        if actuator not in bounded:
+            yield f"motor {actuator.name!r} is unbounded: joint {actuator.joint!r} has no effort limit"
+    driven = {actuator.joint for actuator in morphology.actuators}
+    for joint in morphology.joints:
+        if joint.name not in driven:
+            yield f"joint {joint.name!r} got no motor: it has no effort limit or transmission, or mimics another"
+
+
+def _name_meshes(spec: mujoco.MjSpec) -> None:
+    """Call meshes and their files as the URDF does, equal contents sharing one file.
+
+    The names of files end in a digest of their content, so that files of two conversions can lie side by side.
+    """
+    file_of: dict[str, str] = {}
+    assets: dict[str, bytes] = {}
+    taken: set[str] = set()
+    for mesh in spec.meshes:
+        if not mesh.file:
+            continue
+        content = spec.assets[mesh.file]
+        key = hashlib.sha256(content).hexdigest()
+        own = Path(re.sub(r"[^\w.-]", "_", re.sub(r"^(\d+_)+", "", mesh.file)))
+        if key not in file_of:
+            file_of[key] = f"{own.stem[:_LONGEST_STEM]}-{key[:_DIGEST]}{own.suffix}"
+            assets[file_of[key]] = content
+        name = _unique(own.stem, taken)
+        taken.add(name)
+        for geom in spec.geoms:
+            if geom.meshname == mesh.name:
+                geom.meshname = name
+        mesh.name, mesh.file = name, file_of[key]
+    spec.assets = assets
+
+
+def _unique(stem: str, taken: set[str]) -> str:
+    name, number = stem, 1
+    while name in taken:
+        number += 1
+        name = f"{stem}_{number}"
+    return name

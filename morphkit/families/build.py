@@ -1,0 +1,142 @@
+"""Many variants of one robot: cut and compiled in worker processes, so that a crash of the simulator is one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+from morphkit.ablation.ablate import Cutter, Variant
+from morphkit.description import Description, RobotInfo
+from morphkit.families.enumeration import Planned
+from morphkit.utils import worker_pool
+
+
+@dataclass(frozen=True, slots=True)
+class FailedVariant:
+    """A variant that could not be made.
+
+    Attributes:
+        name: Its name.
+        removed: The limbs that it was to lose, the topmost of each subtree.
+        spliced: The limbs that were to be taken out from between.
+        reason: Why: what MuJoCo says of it, or how MuJoCo crashed.
+    """
+
+    name: str
+    removed: tuple[str, ...]
+    spliced: tuple[str, ...]
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class MirroredVariant:
+    """A variant that was left out because it is the mirror image of another.
+
+    Attributes:
+        name: Its name.
+        removed: The limbs that it would lose, the topmost of each subtree.
+        mirrors: Name of the variant that stands for it.
+    """
+
+    name: str
+    removed: tuple[str, ...]
+    mirrors: str
+
+
+Made = Variant | FailedVariant | MirroredVariant
+
+
+def make(
+    cutter: Cutter, planned: Iterable[Planned], *, jobs: int = 1, compiled: bool = True, drop_assets: bool = False
+) -> Iterator[Made]:
+    """Make variants, in the order planned whatever `jobs` is.
+
+    Args:
+        cutter: The robot.
+        planned: What to make.
+        jobs: Number of worker processes.
+        compiled: Whether MuJoCo has to compile a variant; see `compile_problem`.
+        drop_assets: As in `ablation.ablate`.
+    """
+    setup = partial(_cutting, _plain(cutter.description), compiled, drop_assets)
+    pending = _Passing(planned)
+    for plan, made in worker_pool.run(setup, pending.to_make(), jobs=jobs):
+        yield from pending.left_out(plan)
+        if isinstance(made, worker_pool.Failure):
+            yield FailedVariant(plan.name, plan.remove, plan.splice, made.reason)
+        else:
+            yield cutter.adopt(made)
+    yield from pending.left_out(None)
+
+
+def check(variant: Variant) -> Variant | FailedVariant:
+    """The variant, unless MuJoCo cannot compile it."""
+    reason = compile_problem(variant.description)
+    if not reason:
+        return variant
+    return FailedVariant(variant.description.name, variant.removed, variant.spliced, reason)
+
+
+def compile_problem(description: Description) -> str:
+    """Why MuJoCo cannot compile a description, or how it crashed doing so, in another process; empty where it can.
+
+    Where the source of variants has such a problem, say a mesh that is missing, its variants cannot be held to it.
+    """
+    ((_, result),) = worker_pool.run(_compiling, [_plain(description)])
+    return result.reason if isinstance(result, worker_pool.Failure) else ""
+
+
+class _Passing:
+    """Takes what is left out from between what is made, and puts it back in its place afterwards."""
+
+    def __init__(self, planned: Iterable[Planned]) -> None:
+        self._planned = planned
+        self._skipped: list[tuple[Planned | None, list[Planned]]] = []
+
+    def to_make(self) -> Iterator[Planned]:
+        before: list[Planned] = []
+        for plan in self._planned:
+            if plan.mirrors is not None:
+                before.append(plan)
+                continue
+            self._skipped.append((plan, before))
+            before = []
+            yield plan
+        self._skipped.append((None, before))
+
+    def left_out(self, until: Planned | None) -> Iterator[MirroredVariant]:
+        """What was left out right before `until`; None stands for the end."""
+        plan, skipped = self._skipped.pop(0)
+        assert plan == until
+        for each in skipped:
+            assert each.mirrors is not None
+            yield MirroredVariant(each.name, each.remove, each.mirrors)
+
+
+def _plain(description: Description) -> Description:
+    """A description that can be sent to another process."""
+    return replace(description, packages=dict(description.packages))
+
+
+def _cutting(description: Description, compiled: bool, drop_assets: bool) -> Callable[[Planned], Variant]:
+    cutter = Cutter(description)
+    compile_one = _compiling()
+
+    def make_one(plan: Planned) -> Variant:
+        variant = cutter.cut(remove=plan.remove, splice=plan.splice, drop_assets=drop_assets, name=plan.name)
+        if compiled:
+            compile_one(variant.description)
+        # What all variants share is not sent back.
+        return replace(variant, description=replace(variant.description, info=RobotInfo(), folder=None, packages={}))
+
+    return make_one
+
+
+def _compiling() -> Callable[[Description], None]:
+    from morphkit.simulation.build import compile_plain
+
+    def compile_one(description: Description) -> None:
+        compile_plain(description)
+
+    return compile_one

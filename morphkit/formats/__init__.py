@@ -1,0 +1,1 @@
+"""What XML, URDF and MJCF are: parsing, paths, names and edits of files. Nothing here knows what a limb is."""

@@ -1,0 +1,168 @@
+"""An XML source that is edited as a tree and written back byte for byte where nothing was edited."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+from xml.parsers import expat
+from xml.sax.saxutils import escape
+
+from morphkit.formats.source_words import without_words
+from morphkit.formats.xml import parse, serialize
+
+_ATTRIBUTE = re.compile(r"""(\s+)([^\s=<>"'/]+)(\s*=\s*)("[^"]*"|'[^']*')""")
+Span = tuple[int, int, int, int]
+"""Byte offsets of an element: start tag from, to; end tag from, to."""
+_START_TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*+"|'[^']*+')*+>""")
+_ASCII_BASED = {"utf-8", "us-ascii", "ascii", "iso-8859-1", "latin-1"}
+
+
+class Source:
+    """A parsed file that remembers where each element stood.
+
+    lxml would rewrite quotes and the line breaks between attributes all over the file; `render` takes the original
+    bytes wherever an element is as it was, and edits only the attributes that changed.
+
+    Attributes:
+        root: The root element; edit the tree below it freely.
+    """
+
+    def __init__(self, source: bytes, *, file: str, offsets: list[Span] | None = None) -> None:
+        self._source = source
+        self._file = file
+        self._crlf = b"\r\n" in source
+        self._tree = parse(source, file=file)
+        self.root: Any = self._tree.getroot()
+        self._encoding = (self._tree.docinfo.encoding or "utf-8").lower()
+        self._nodes = list(self.root.iter())  # keeps the proxies alive, so that id() identifies an element
+        self._before = {id(node): _state(node) for node in self._nodes}
+        self._spans: dict[int, Span] = {}
+        self._edited: set[int] = set()
+        if offsets is None:
+            offsets = _spans(source) if self._encoding in _ASCII_BASED else []
+        self._offsets = offsets
+        elements = [node for node in self._nodes if isinstance(node.tag, str)]
+        if len(offsets) == len(elements):
+            self._spans = {id(element): span for element, span in zip(elements, offsets, strict=True)}
+
+    def again(self) -> Source:
+        """The file as it was read, to be edited anew."""
+        return Source(self._source, file=self._file, offsets=self._offsets)
+
+    def render(self) -> bytes:
+        """The file's bytes after the edits."""
+        if not self._spans:
+            return serialize(self._tree)
+        self._edited = set()
+        self._find_edits(self.root)
+        span = self._spans[id(self.root)]
+        return self._source[: span[0]] + self._render(self.root) + self._source[span[3] :]
+
+    def _render(self, node: Any) -> bytes:
+        if not isinstance(node.tag, str):
+            return self._bytes(_markup(node))
+        span = self._spans.get(id(node))
+        if span is not None and id(node) not in self._edited:
+            return self._source[span[0] : span[3]]
+        name = node.tag if node.prefix is None else f"{node.prefix}:{node.tag.rpartition('}')[2]}"
+        content = self._text(node.text) + b"".join(self._render(child) + self._text(child.tail) for child in node)
+        if span is None:
+            start = self._bytes(f"<{name}" + "".join(f" {key}={_quote(value)}" for key, value in node.attrib.items()))
+        else:
+            start = self._source[span[0] : span[1]].removesuffix(b">").removesuffix(b"/")
+            if self._before[id(node)][0] != tuple(node.attrib.items()):
+                before = dict(self._before[id(node)][0])
+                start = _edit_attributes(start.decode(self._encoding), before, dict(node.attrib)).encode(self._encoding)
+        if not content and (span is None or self._source[span[1] - 2 : span[1]] == b"/>"):
+            return start + b"/>"
+        return start + b">" + content + self._bytes(f"</{name}>")
+
+    def _find_edits(self, node: Any) -> bool:
+        """Enter every node at or below `node` that is not as it was read, or holds one that is not."""
+        edited = self._before.get(id(node)) != _state(node)
+        for child in node:
+            edited |= self._find_edits(child)
+        if edited:
+            self._edited.add(id(node))
+        return edited
+
+    def _bytes(self, text: str) -> bytes:
+        if self._crlf:
+            text = text.replace("\n", "\r\n")
+        return text.encode(self._encoding, "xmlcharrefreplace")
+
+    def _text(self, text: str | None) -> bytes:
+        return self._bytes(escape(text)) if text else b""
+
+
+def _state(node: Any) -> tuple[Any, ...]:
+    """What tells whether a node was edited; its tail belongs to the parent."""
+    children = tuple((id(child), child.tail) for child in node)
+    return (tuple(node.attrib.items()) if isinstance(node.tag, str) else (), node.text, children)
+
+
+def _markup(node: Any) -> str:
+    from lxml import etree
+
+    return str(etree.tostring(node, encoding="unicode", with_tail=False))
+
+
+def _quote(value: str) -> str:
+    return '"' + escape(value, {'"': "&quot;", "\n": "&#10;", "\t": "&#9;"}) + '"'
+
+
+def _edit_attributes(start: str, before: dict[str, str], wanted: dict[str, str]) -> str:
+    """The start tag `start`, without `>` or `/>`, with `wanted`; what is as `before` is left as written."""
+    left = dict(wanted)
+
+    def replace(match: re.Match[str]) -> str:
+        space, name, equals, quoted = match.groups()
+        if name == "xmlns" or ":" in name:
+            left.pop(next((key for key in left if key.endswith("}" + name.partition(":")[2])), name), None)
+            return match.group()
+        if name not in left:
+            return ""
+        value = left.pop(name)
+        if value == before.get(name):
+            return match.group()
+        return f"{space}{name}{equals}{without_words(quoted, value) or _quote(value)}"
+
+    edited = _ATTRIBUTE.sub(replace, start)
+    end = len(edited.rstrip())
+    return edited[:end] + "".join(f" {name}={_quote(value)}" for name, value in left.items()) + edited[end:]
+
+
+def _spans(source: bytes) -> list[Span]:
+    """Offsets of each element in document order."""
+    parser = expat.ParserCreate()
+    spans: list[Span] = []
+    stack: list[int] = []
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        begin = parser.CurrentByteIndex
+        end = _tag_end(source, begin)
+        stack.append(len(spans))
+        spans.append((begin, end, end, end))
+
+    def end(name: str) -> None:
+        index = stack.pop()
+        begin, tag_end, _, _ = spans[index]
+        if source[tag_end - 2 : tag_end] != b"/>":
+            close = parser.CurrentByteIndex
+            spans[index] = (begin, tag_end, close, source.index(b">", close) + 1)
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    try:
+        parser.Parse(source, True)
+    except expat.ExpatError:  # such as an odd version, which lxml lets pass: then the file is written out by lxml
+        return []
+    return spans
+
+
+def _tag_end(source: bytes, begin: int) -> int:
+    """Offset after the `>` that closes the start tag at `begin`; a `>` inside quotes closes nothing."""
+    match = _START_TAG.match(source, begin)
+    if match is None:
+        raise ValueError("a start tag without its end")  # the parser has accepted the file, so this cannot be
+    return match.end()

@@ -1,0 +1,90 @@
+"""Names for the links and joints of a URDF that have none, or share one that nothing refers to."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+from lxml import etree
+
+from morphkit.errors import DescriptionError
+from morphkit.morphology import Origin
+from morphkit.readers.common import give_names
+
+Given = list[tuple[etree._Element, Origin]]
+
+
+def name_elements(root: etree._Element, *, file: str) -> Given:
+    """Give every link and joint below `<robot>` a name of its own, in place.
+
+    A link without a name is called `link`, a joint without one `<child>_joint`; a number is added where a name is
+    taken, and to the second and later elements of one name.
+
+    Args:
+        root: The root element.
+        file: What the file is called in messages.
+
+    Returns:
+        Every link and joint, and where its name comes from; see `take_back`.
+
+    Raises:
+        DescriptionError: Something refers to a name that several links or joints have.
+    """
+    links, joints = list(root.iterchildren("link")), list(root.iterchildren("joint"))
+    ends = {id(joint): [_attribute(joint, tag, "link") for tag in ("parent", "child")] for joint in joints}
+    _refuse_shared(links, "link", ((joint, name) for joint in joints for name in ends[id(joint)]), file)
+    _refuse_shared(joints, "joint", _joint_references(root, joints), file)
+    return [*_give(links, ["link"] * len(links), file), *_give(joints, joint_calls(joints), file)]
+
+
+def joint_calls(joints: list[etree._Element]) -> list[str]:
+    """What each joint is called that has no name, before a number is added where that is taken."""
+    children = [_attribute(joint, "child", "link") for joint in joints]
+    return [f"{child}_joint" if child else "joint" for child in children]
+
+
+def take_back(given: Given) -> None:
+    """Call elements again what the file calls them."""
+    for element, origin in given:
+        if origin.original is None:
+            element.attrib.pop("name", "")
+        elif origin.original != origin.given:
+            element.set("name", origin.original)
+
+
+def _give(elements: list[etree._Element], calls: list[str], file: str) -> Iterator[tuple[etree._Element, Origin]]:
+    originals = [element.get("name") for element in elements]
+    names = give_names(originals, calls)
+    for element, original, name in zip(elements, originals, names, strict=True):
+        if name != original:
+            element.set("name", name)
+        yield element, Origin(name, str(element.tag), original, f"{file}:{element.sourceline}")
+
+
+def _joint_references(root: etree._Element, joints: list[etree._Element]) -> Iterator[tuple[etree._Element, str]]:
+    for joint in joints:
+        for mimic in joint.iterchildren("mimic"):
+            yield mimic, mimic.get("joint") or ""
+    for transmission in root.iterchildren("transmission"):
+        for element in transmission.iter("joint"):
+            yield element, element.get("name") or ""
+
+
+def _refuse_shared(
+    elements: list[etree._Element], what: str, references: Iterator[tuple[etree._Element, str]], file: str
+) -> None:
+    counts = Counter(element.get("name") for element in elements)
+    if max(counts.values(), default=0) < 2:
+        return
+    for user, name in references:
+        if name and counts[name] > 1:
+            first, second = [element.sourceline for element in elements if element.get("name") == name][:2]
+            raise DescriptionError(
+                f"{file}:{second}: two {what}s are called {name!r} (the first in line {first}), and <{user.tag}> in"
+                f" line {user.sourceline} refers to one of them; rename one"
+            )
+
+
+def _attribute(joint: etree._Element, tag: str, key: str) -> str:
+    element = joint.find(tag)
+    return (element.get(key) or "") if element is not None else ""

@@ -1,0 +1,1 @@
+"""Names of limbs: in plain words, unique, and the patterns that pick them."""

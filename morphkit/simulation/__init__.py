@@ -1,0 +1,1 @@
+"""Robots in MuJoCo: models to train in and models to look at."""

@@ -1,0 +1,195 @@
+"""What a description lacks before it can be simulated: floor, base joints, motors, limb sensors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from morphkit.description import Description
+from morphkit.errors import ConfigError
+from morphkit.morphology import Actuator, Base
+from morphkit.readers.urdf import drive_limits
+
+FLOOR_NAME = "morphkit_floor"
+CLEARANCE_M = 0.01
+URDF_TIMESTEP_S = 0.004
+URDF_ARMATURE = 0.01
+URDF_DAMPING = 0.1
+_TINY = 1e-300
+_MOST_BRAKING = 1e9  # rad/s^2 (m/s^2); MuJoCo starts anew beyond 1e10
+LIMB_SENSORS = (
+    ("position", mujoco.mjtSensor.mjSENS_FRAMEPOS),
+    ("translational_velocity", mujoco.mjtSensor.mjSENS_FRAMELINVEL),
+    ("rotational_velocity", mujoco.mjtSensor.mjSENS_FRAMEANGVEL),
+    ("quaternion", mujoco.mjtSensor.mjSENS_FRAMEQUAT),
+)
+NUMBERS_PER_LIMB = 13
+
+
+def add_floor(spec: mujoco.MjSpec, *, solid: bool) -> bool:
+    """Add a plane at height 0 where the world has neither plane nor height field; whether it was added.
+
+    Args:
+        spec: Changed in place.
+        solid: Whether things collide with it. A robot on a fixed base gets a floor to look at only.
+    """
+    ground = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+    if any(geom.type in ground for geom in spec.worldbody.geoms):
+        return False
+    spec.worldbody.add_geom(
+        name=FLOOR_NAME,
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[40, 40, 1],
+        rgba=[0.75, 0.78, 0.8, 1],
+        contype=int(solid),
+        conaffinity=int(solid),
+        condim=3,
+    )
+    return True
+
+
+def settle_urdf(spec: mujoco.MjSpec, description: Description) -> None:
+    """Fill in what URDF has no words for.
+
+    Time step 4 ms with the implicitfast integrator; armature 0.01 kg*m^2 (kg) on every joint. Where the file gives no
+    damping: 0.1 N*m*s/rad (N*s/m), and a part that grows with the cube of the speed, such that the joint's effort limit
+    drives it at its velocity limit. The robot's geoms collide with the floor but not with each other: a
+    URDF does not say which links may touch, and neighbours often overlap.
+    """
+    limits = drive_limits(description)
+    spec.option.timestep = URDF_TIMESTEP_S
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    for joint in spec.joints:
+        joint.armature = max(joint.armature, URDF_ARMATURE)
+        if not np.any(joint.damping):
+            effort, speed = limits.get(joint.name, (None, None))
+            joint.damping = [URDF_DAMPING, 0, _cubic_damping(effort or 0.0, speed or 0.0, joint.armature)]
+    for geom in spec.geoms:
+        geom.conaffinity = 0
+
+
+def _cubic_damping(effort: float, speed: float, armature: float) -> float:
+    """The coefficient of the cube of the speed with which `effort` drives a joint at `speed`.
+
+    It is bounded such that no joint is braked with more than MuJoCo takes for a number, after it was driven by its
+    whole effort for a time step.
+    """
+    if not (0 < effort < math.inf and 0 < speed < math.inf):
+        return 0.0
+    wanted = max(0.0, effort - URDF_DAMPING * speed) / max(speed * speed * speed, _TINY)
+    first_speed = effort / armature * URDF_TIMESTEP_S
+    return min(wanted, _MOST_BRAKING * armature / max(first_speed * first_speed * first_speed, _TINY))
+
+
+def add_base_joints(spec: mujoco.MjSpec, root: Any, base: Base) -> None:
+    """Attach the root to the world by a free joint, or by slides along world x and z and a hinge about world y.
+
+    The z slide reads the height of the root's frame, m.
+    """
+    if base == "free":
+        root.add_freejoint(name="root_free")
+        return
+    model = spec.copy().compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    world_to_root = data.body(root.name).xmat.reshape(3, 3).T
+    for name, kind, axis in (("root_x", "SLIDE", 0), ("root_z", "SLIDE", 2), ("root_y", "HINGE", 1)):
+        root.add_joint(
+            name=name,
+            type=getattr(mujoco.mjtJoint, f"mjJNT_{kind}"),
+            axis=world_to_root[:, axis],
+            limited=mujoco.mjtLimited.mjLIMITED_FALSE,
+            armature=0,
+            damping=[0, 0, 0],
+            stiffness=[0, 0, 0],
+            frictionloss=0,
+            ref=root.pos[2] if name == "root_z" else 0,
+        )
+
+
+def lift(spec: mujoco.MjSpec, root: Any, model: mujoco.MjModel) -> None:
+    """Raise (or lower) the root until the robot starts `CLEARANCE_M` above the world's origin.
+
+    Args:
+        spec: Changed in place.
+        root: A top-level body; one within a frame is taken out of it, so that its `pos` is in the world.
+        model: `spec` compiled.
+    """
+    own = model.body(root.name)
+    if root.frame is not None:
+        root.set_frame(spec.worldbody.add_frame())
+        root.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+        root.pos, root.quat = own.pos, own.quat
+    root.pos[2] += CLEARANCE_M - lowest_point(model, own.id)
+
+
+def lowest_point(model: mujoco.MjModel, root: int) -> float:
+    """Height above the world's origin, m, of the lowest point of the robot's geoms in the start configuration.
+
+    Geoms that can touch something count; where none can, all do.
+    """
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    own = model.body_rootid[model.geom_bodyid] == root
+    touching = own & ((model.geom_contype > 0) | (model.geom_conaffinity > 0))
+    geoms = np.flatnonzero(touching if touching.any() else own)
+    return min((lowest_of(model, data, geom) for geom in geoms), default=float(data.xpos[root, 2]))
+
+
+def lowest_of(model: mujoco.MjModel, data: mujoco.MjData, geom: int | np.integer) -> float:
+    """Lowest height of one geom, m; that of its bounding sphere where the type is not known here."""
+    types, size = mujoco.mjtGeom, model.geom_size[geom]
+    height, down = float(data.geom_xpos[geom, 2]), data.geom_xmat[geom].reshape(3, 3)[2]
+    kind = model.geom_type[geom]
+    if kind == types.mjGEOM_SPHERE:
+        return height - float(size[0])
+    if kind == types.mjGEOM_CAPSULE:
+        return height - float(abs(down[2]) * size[1] + size[0])
+    if kind == types.mjGEOM_CYLINDER:
+        return height - float(abs(down[2]) * size[1] + size[0] * np.sqrt(max(0.0, 1 - down[2] ** 2)))
+    if kind == types.mjGEOM_ELLIPSOID:
+        return height - float(np.linalg.norm(down * size))
+    if kind == types.mjGEOM_BOX:
+        return height - float(np.abs(down) @ size)
+    if kind == types.mjGEOM_MESH:
+        mesh = model.geom_dataid[geom]
+        first = model.mesh_vertadr[mesh]
+        return height + float((model.mesh_vert[first : first + model.mesh_vertnum[mesh]] @ down).min())
+    return height - float(model.geom_rbound[geom])
+
+
+def add_motors(spec: mujoco.MjSpec, actuators: Sequence[Actuator]) -> None:
+    """Add one motor an actuator, gear 1, its control bounded by the effort limit.
+
+    Raises:
+        ConfigError: An actuator that drives no joint.
+    """
+    for actuator in actuators:
+        if actuator.joint is None:
+            raise ConfigError(f"actuator {actuator.name!r} drives no joint, so no motor can be made for it")
+        bounded = np.isfinite(actuator.low) and np.isfinite(actuator.high)
+        motor = spec.add_actuator(
+            name=actuator.name,
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            target=actuator.joint,
+            ctrllimited=mujoco.mjtLimited.mjLIMITED_TRUE if bounded else mujoco.mjtLimited.mjLIMITED_FALSE,
+        )
+        motor.set_to_motor()
+        if bounded:
+            motor.ctrlrange = [actuator.low, actuator.high]
+
+
+def add_limb_sensors(spec: mujoco.MjSpec, bodies: Sequence[str]) -> None:
+    """Append the sensors that tokens are read from: 13 numbers a limb, world frame, of the limb's own body frame.
+
+    Position (3, m), translational velocity (3, m/s), rotational velocity (3, rad/s), quaternion (4, w first).
+    """
+    for body in bodies:
+        for quantity, kind in LIMB_SENSORS:
+            spec.add_sensor(
+                name=f"morphkit/{body}/{quantity}", type=kind, objtype=mujoco.mjtObj.mjOBJ_XBODY, objname=body
+            )

@@ -1,0 +1,229 @@
+"""A robot description -> a MuJoCo model of its shapes, joints and masses that is only looked at, whatever is missing.
+
+Unlike `simulation.build` it stops at no missing or broken mesh and at no impossible inertia: what cannot be used is
+left out and noted. It cannot be stepped in a meaningful way.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from morphkit.description import Description
+from morphkit.errors import DescriptionError
+from morphkit.formats import xml
+from morphkit.morphology import Joint, JointKind, Morphology
+from morphkit.readers import read
+from morphkit.simulation import completion, visual_geoms
+from morphkit.simulation.spec import compile_spec, drop_shape, load_spec
+
+JOINT_KINDS: dict[int, JointKind] = {0: "free", 1: "ball", 2: "slide", 3: "hinge"}
+"""Value of MuJoCo's mjtJoint -> kind of joint."""
+
+_TINY = 1e-12  # kg, kg*m^2: what MuJoCo needs to accept a moving body without a mass
+_ELEMENT = re.compile(r"Element name '(.*?)', id \d+", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Mechanics:
+    """A robot as shapes, joints and masses.
+
+    Attributes:
+        description: Where it comes from.
+        morphology: Its limbs.
+        model: The model: the robot and what else stands in its file, without contacts.
+        start: First key frame of the file, else its zero pose; hinges and slides within their limits, shape (nq,).
+        root: Body id of the root limb.
+        limb_of: Body id -> name of the limb that the body belongs to, for all bodies of the robot.
+        joints: Joint ids of the robot, those of its base first.
+        base_joints: How many of `joints` move the root.
+        weightless: Names of bodies whose mass is not known, because it follows from shapes that are missing.
+        notes: One sentence for each thing that was left out.
+    """
+
+    description: Description
+    morphology: Morphology
+    model: mujoco.MjModel
+    start: np.ndarray
+    root: int
+    limb_of: dict[int, str]
+    joints: tuple[int, ...]
+    base_joints: int
+    weightless: frozenset[str]
+    notes: tuple[str, ...]
+
+
+def load_mechanics(description: Description, *, shapes: bool = True) -> Mechanics:
+    """Read a description for looking at it.
+
+    Args:
+        description: The robot.
+        shapes: Load everything that can be drawn, and draw a limb without shapes as a stick. Else only the shapes that
+            masses follow from, which spares reading most meshes.
+
+    Raises:
+        DescriptionError: MuJoCo cannot read or compile the file, for a reason other than meshes and inertias, or a mass
+            or a place is infinite.
+        AssetError: An included file is missing.
+    """
+    morphology = read(description)
+    incomplete: set[str] = set()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # MuJoCo's advice on the file is for those who simulate it.
+        source = description if shapes or description.format == "mjcf" else _without_shapes(description)
+        spec, dropped = load_spec(source, incomplete=incomplete)
+        notes = list(dropped)
+        limb_of = {member: limb.name for limb in morphology.limbs for member in limb.members}
+        root = spec.body(morphology.root.name)
+        if root is None:
+            raise DescriptionError(f"{description.file}: MuJoCo made no body of root {morphology.root.name!r}")
+        if description.format == "urdf":
+            visual_geoms.hide_collision_shapes(spec)
+            spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+        if shapes:
+            visual_geoms.show_left_shapes(spec, incomplete)
+            visual_geoms.add_sticks(spec, root, limb_of)
+            has_floor = not completion.add_floor(spec, solid=False)
+        else:
+            _drop_shapes_without_mass(spec)
+        weightless = {body.name for body in spec.bodies if body.name in incomplete and _weighs_by_shape(spec, body)}
+        model = _compile(spec, description.file, incomplete=weightless, notes=notes)
+        _refuse_infinite(model, description.file)
+    root_id = model.body(morphology.root.name).id
+    start = _start_pose(model)
+    if shapes:
+        visual_geoms.colour_limbs(model, root_id)
+        if not has_floor:
+            visual_geoms.lay_floor(model, model.geom(completion.FLOOR_NAME).id, root_id, start)
+    own = {model.body(name).id: limb for name, limb in limb_of.items()}
+    joints = tuple(joint for joint in range(model.njnt) if int(model.jnt_bodyid[joint]) in own)
+    return Mechanics(
+        description=description,
+        morphology=morphology,
+        model=model,
+        start=start,
+        root=root_id,
+        limb_of=own,
+        joints=joints,
+        base_joints=int(model.body_jntnum[root_id]),
+        weightless=frozenset(weightless),
+        notes=tuple(notes),
+    )
+
+
+def base_joints(mechanics: Mechanics) -> tuple[Joint, ...]:
+    """The joints of the root, which a `Morphology` does not hold."""
+    model, found = mechanics.model, []
+    for joint in mechanics.joints[: mechanics.base_joints]:
+        limited = bool(model.jnt_limited[joint])
+        low, high = (float(value) for value in model.jnt_range[joint]) if limited else (0.0, 0.0)
+        found.append(Joint(model.joint(joint).name, JOINT_KINDS[int(model.jnt_type[joint])], limited, low, high))
+    return tuple(found)
+
+
+def couplings(model: mujoco.MjModel) -> list[tuple[int, int, np.ndarray]]:
+    """Joints that follow another (a mimic joint): ids of follower and leader, coefficients (5,) of their polynomial."""
+    found = []
+    for number in range(model.neq):
+        follower, leader = int(model.eq_obj1id[number]), int(model.eq_obj2id[number])
+        joint = model.eq_type[number] == mujoco.mjtEq.mjEQ_JOINT
+        if joint and model.eq_active0[number] and leader >= 0 and follower >= 0:
+            found.append((follower, leader, np.array(model.eq_data[number, :5])))
+    return found
+
+
+def _weighs_by_shape(spec: mujoco.MjSpec, body: Any) -> bool:
+    """Whether the body's mass follows from its shapes."""
+    by_shape = spec.compiler.inertiafromgeom
+    kinds = mujoco.mjtInertiaFromGeom
+    return by_shape == kinds.mjINERTIAFROMGEOM_TRUE or (
+        by_shape == kinds.mjINERTIAFROMGEOM_AUTO and not body.explicitinertial
+    )
+
+
+def _without_shapes(description: Description) -> Description:
+    """A URDF without shapes: nothing in it weighs by its shape, and reading meshes takes long."""
+    tree = xml.parse(description.source, file=description.file)
+    for link in tree.getroot().iterchildren("link"):
+        for shape in [*link.iterchildren("visual", "collision")]:
+            link.remove(shape)
+    return replace(description, source=xml.serialize(tree))
+
+
+def _drop_shapes_without_mass(spec: mujoco.MjSpec) -> None:
+    for body in spec.bodies:
+        if not _weighs_by_shape(spec, body):
+            for geom in body.geoms:
+                spec.delete(geom)
+    used = {geom.meshname for geom in spec.geoms}
+    for mesh in [mesh for mesh in spec.meshes if mesh.name not in used]:
+        spec.delete(mesh)
+
+
+def _compile(spec: mujoco.MjSpec, file: str, *, incomplete: set[str], notes: list[str]) -> mujoco.MjModel:
+    """Compile `spec`; broken meshes and impossible inertias are left out and noted, with the names of their bodies."""
+    spec.compiler.boundmass, spec.compiler.boundinertia = _TINY, _TINY
+    spec.compiler.balanceinertia = True
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0  # Else MuJoCo computes the convex hull of every mesh.
+    for _ in range(len(spec.meshes) + len(spec.bodies) + 1):
+        try:
+            return spec.compile()
+        except ValueError as error:
+            if not _leave_out(spec, str(error), incomplete, notes):
+                break
+    return compile_spec(spec, file)
+
+
+def _refuse_infinite(model: mujoco.MjModel, file: str) -> None:
+    facts = {
+        "mass": model.body_mass,
+        "inertia": model.body_inertia,
+        "position": model.body_pos,
+        "centre": model.body_ipos,
+    }
+    for fact, values in facts.items():
+        bad = np.flatnonzero(~np.isfinite(values.reshape(model.nbody, -1)).all(axis=1))
+        if len(bad):
+            name = model.body(int(bad[0])).name
+            raise DescriptionError(f"{file}: the {fact} of {name!r} is no finite number; 'morphkit check' says where")
+
+
+def _leave_out(spec: mujoco.MjSpec, complaint: str, incomplete: set[str], notes: list[str]) -> bool:
+    """Leave out the mesh or the inertia that MuJoCo complains about; whether it was one of those."""
+    reason = " ".join(complaint.removeprefix("Error:").split())
+    for mesh in spec.meshes:
+        if (mesh.name and f"'{mesh.name}'" in complaint) or (mesh.file and mesh.file in complaint):
+            users = [geom for geom in spec.geoms if geom.meshname == mesh.name]
+            if "volume" in complaint and mesh.inertia != mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL:
+                mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # It can be drawn, but nothing weighs it.
+                incomplete.update(geom.parent.name for geom in users if _weighs_by_shape(spec, geom.parent))
+                return True
+            notes.append(f"mesh {mesh.name!r} was left out: {reason}")
+            drop_shape(spec, mesh, users, incomplete)
+            return True
+    named = _ELEMENT.search(complaint)
+    body = spec.body(named[1]) if named and "inertia" in complaint else None
+    if body is None or body.name in incomplete:
+        return False
+    notes.append(f"the inertia of {body.name!r} was left out: {reason}")
+    incomplete.add(body.name)
+    body.explicitinertial = True
+    body.fullinertia = [np.nan, 0, 0, 0, 0, 0]
+    body.mass, body.inertia, body.ipos = _TINY, [_TINY] * 3, [0, 0, 0]
+    return True
+
+
+def _start_pose(model: mujoco.MjModel) -> np.ndarray:
+    """The first key frame, else the zero pose, with hinges and slides within their limits."""
+    pose = np.array(model.key_qpos[0] if model.nkey and np.isfinite(model.key_qpos[0]).all() else model.qpos0)
+    for joint in range(model.njnt):
+        if model.jnt_limited[joint] and JOINT_KINDS[int(model.jnt_type[joint])] in ("hinge", "slide"):
+            address = model.jnt_qposadr[joint]
+            pose[address] = np.clip(pose[address], *model.jnt_range[joint])
+    return pose

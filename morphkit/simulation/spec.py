@@ -1,0 +1,199 @@
+"""A robot description -> an `MjSpec` of exactly what the file says, with every mesh and texture resolved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import mujoco
+
+from morphkit.description import Description
+from morphkit.errors import AssetError, DescriptionError
+from morphkit.formats import resolve, xml
+from morphkit.formats.limits import check_chain, check_mjcf
+from morphkit.formats.mjcf_attach import attach_models
+from morphkit.formats.mjcf_names import name_elements
+from morphkit.formats.urdf_names import name_elements as name_links
+from morphkit.simulation.mesh_files import read_for_mujoco
+from morphkit.simulation.urdf_repair import mend
+
+
+def load_spec(description: Description, *, incomplete: set[str] | None = None) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
+    """Parse a description into an MjSpec that compiles without touching the file system again.
+
+    A URDF goes through MuJoCo's importer with `fusestatic="false" discardvisual="false"`, so that fixed links and
+    visuals survive. A mesh that only decorates (no contact, no part in masses) is dropped where it cannot be found.
+
+    Args:
+        description: The robot.
+        incomplete: For a model that is only looked at: a set, to which the names of bodies are added that lose a shape.
+            Every mesh and height field that cannot be found is dropped then, even one that matters.
+
+    Returns:
+        The spec, its bodies, joints and actuators all named as the reader names them; and one sentence for each thing
+        that was dropped.
+
+    Raises:
+        DescriptionError: MuJoCo cannot parse the file.
+        AssetError: A mesh, height field or included file that the simulation needs is missing.
+    """
+    tree = xml.parse(description.source, file=description.file)
+    references: dict[str, str] = {}
+    models: dict[str, bytes] = {}
+    mended: tuple[str, ...] = ()
+    if description.format == "urdf":
+        check_chain(tree.getroot(), file=description.file)
+        name_links(tree.getroot(), file=description.file)
+        mended = tuple(mend(tree.getroot()))
+        references = _prepare_urdf(tree.getroot())
+    else:
+        resolve.flatten_includes(tree, description.folder, file=description.file, packages=description.packages)
+        check_mjcf(tree.getroot(), file=description.file)
+        models = attach_models(tree, description)
+    try:
+        spec = mujoco.MjSpec.from_string(xml.serialize(tree).decode(), include=models)
+    except ValueError as error:
+        raise DescriptionError(f"{description.file}: MuJoCo cannot read it: {error}") from error
+    name_elements(spec)
+    notes = [
+        *mended,
+        *_resolve_meshes(spec, description, references, incomplete),
+        *_resolve_fields(spec, description, incomplete),
+        *_resolve_skins(spec, description),
+        *_resolve_images(spec, description),
+    ]
+    spec.meshdir = spec.texturedir = ""
+    return spec, tuple(notes)
+
+
+def compile_spec(spec: mujoco.MjSpec, file: str) -> mujoco.MjModel:
+    """Compile `spec`; what MuJoCo complains about becomes a DescriptionError that names `file`."""
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise DescriptionError(f"{file}: MuJoCo cannot compile it: {error}") from error
+
+
+def _prepare_urdf(robot: Any) -> dict[str, str]:
+    """Insert the importer's options; give every mesh a short unique file name, and return name -> reference."""
+    mujoco_element = robot.find("mujoco")
+    if mujoco_element is None:
+        mujoco_element = robot.makeelement("mujoco", {})
+        robot.append(mujoco_element)
+    compiler = mujoco_element.find("compiler")
+    if compiler is None:
+        compiler = mujoco_element.makeelement("compiler", {})
+        mujoco_element.insert(0, compiler)
+    compiler.attrib.pop("meshdir", None)
+    for key, value in {"fusestatic": "false", "discardvisual": "false", "strippath": "false"}.items():
+        compiler.set(key, value)
+    for place, material in enumerate(robot.findall("material")):
+        robot.insert(place, material)  # the robot's own count before those of links; MuJoCo takes the first of a name
+    names: dict[str, str] = {}
+    for mesh in robot.iter("mesh"):
+        reference = mesh.get("filename", "")
+        mesh.set("filename", names.setdefault(reference, f"{len(names)}_{Path(reference).name}"))
+    return {name: reference for reference, name in names.items()}
+
+
+def _resolve_meshes(
+    spec: mujoco.MjSpec, description: Description, references: dict[str, str], incomplete: set[str] | None
+) -> list[str]:
+    notes = []
+    assets: dict[str, bytes] = {}
+    geoms: dict[str, list[Any]] = {}
+    for geom in spec.geoms:
+        geoms.setdefault(geom.meshname, []).append(geom)
+    for mesh in list(spec.meshes):
+        if not mesh.file:
+            continue
+        reference = references.get(mesh.file) or str(Path(mesh.compiler.meshdir) / mesh.file)
+        users = geoms.get(mesh.name, [])
+        try:
+            name, content = _mesh_bytes(reference, description)
+        except AssetError as error:
+            if incomplete is None and not all(_is_decoration(geom) for geom in users):
+                raise AssetError(f"{description.file}: mesh {reference!r} is needed in simulation: {error}") from error
+            notes.append(f"mesh {reference!r} was left out: {error}")
+            drop_shape(spec, mesh, users, incomplete)
+            continue
+        mesh.file = f"{len(assets)}_{name}"
+        assets[mesh.file] = content
+    spec.assets = {**spec.assets, **assets}
+    return notes
+
+
+def _resolve_fields(spec: mujoco.MjSpec, description: Description, incomplete: set[str] | None) -> list[str]:
+    notes = []
+    for field in [field for field in spec.hfields if field.file]:
+        try:
+            path = resolve.locate(str(Path(spec.meshdir) / field.file), description)
+        except AssetError as error:
+            if incomplete is None:
+                raise
+            notes.append(f"height field {field.file!r} was left out: {error}")
+            drop_shape(spec, field, [geom for geom in spec.geoms if geom.hfieldname == field.name], incomplete)
+            continue
+        field.file = f"{len(spec.assets)}_{path.name}"
+        spec.assets = {**spec.assets, field.file: path.read_bytes()}
+    return notes
+
+
+def _resolve_skins(spec: mujoco.MjSpec, description: Description) -> list[str]:
+    """Skins never matter to the simulation: one that cannot be found is left out."""
+    notes = []
+    for skin in [skin for skin in spec.skins if skin.file]:
+        try:
+            path = resolve.locate(str(Path(spec.meshdir) / skin.file), description)
+        except AssetError as error:
+            notes.append(f"skin {skin.name or skin.file!r} was left out: {error}")
+            spec.delete(skin)
+            continue
+        skin.file = f"{len(spec.assets)}_{path.name}"
+        spec.assets = {**spec.assets, skin.file: path.read_bytes()}
+    return notes
+
+
+def drop_shape(spec: mujoco.MjSpec, asset: Any, users: Sequence[Any], incomplete: set[str] | None = None) -> None:
+    """Delete a mesh or height field and the geoms that use it; the names of their bodies are added to `incomplete`."""
+    for geom in users:
+        if incomplete is not None:
+            incomplete.add(geom.parent.name)
+        spec.delete(geom)
+    spec.delete(asset)
+
+
+def _resolve_images(spec: mujoco.MjSpec, description: Description) -> list[str]:
+    """Textures never matter to the simulation: one that cannot be found becomes a flat colour."""
+    notes = []
+    for texture in spec.textures:
+        files = [file for file in (texture.file, *texture.cubefiles) if file]
+        if not files:
+            continue
+        try:
+            paths = [resolve.locate(str(Path(spec.texturedir) / file), description) for file in files]
+        except AssetError as error:
+            notes.append(f"texture {texture.name or files[0]!r} was left out: {error}")
+            texture.file, texture.cubefiles = "", [""] * len(texture.cubefiles)
+            texture.builtin, texture.width, texture.height = mujoco.mjtBuiltin.mjBUILTIN_FLAT, 8, 8
+            continue
+        renamed = {}
+        for file, path in zip(files, paths, strict=True):
+            renamed[file] = f"{len(spec.assets)}_{path.name}"
+            spec.assets = {**spec.assets, renamed[file]: path.read_bytes()}
+        if texture.file:
+            texture.file = renamed[texture.file]
+        texture.cubefiles = [renamed.get(file, "") for file in texture.cubefiles]
+    return notes
+
+
+def _is_decoration(geom: Any) -> bool:
+    """Whether neither contacts nor masses depend on the geom."""
+    massless = geom.mass == 0 or (geom.mass != geom.mass and geom.density == 0)
+    return not geom.contype and not geom.conaffinity and (geom.parent.explicitinertial or massless)
+
+
+def _mesh_bytes(reference: str, description: Description) -> tuple[str, bytes]:
+    """File name and content of a mesh in a format that MuJoCo reads; others are converted with trimesh."""
+    return read_for_mujoco(resolve.locate(reference, description))

@@ -1,0 +1,1 @@
+"""Named sensor and actuator tokens of a robot."""

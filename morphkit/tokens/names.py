@@ -1,0 +1,115 @@
+"""What tokens are called: the scalars of a limb, and the labels of limbs, joints and actuators."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Literal
+
+from morphkit.morphology import Actuator, Joint, Limb, Morphology
+from morphkit.naming.limbs import canonical_joint_names, canonical_limb_names, numbered_labels, unique
+from morphkit.naming.vocabulary import plain, split
+
+Naming = Literal["raw", "canonical"]
+LimbNames = Literal["body", "joint"]
+TextStyle = Literal["words", "raw"]
+
+VELOCITY_LIMIT = 10.0
+"""What translational velocities are clipped to, m/s."""
+
+# quantity, components, unit, frame, limit
+_BODY_QUANTITIES: tuple[tuple[str, str, str, str | None, float | None], ...] = (
+    ("position", "xyz", "m", "world", None),
+    ("translational_velocity", "xyz", "m/s", "world", VELOCITY_LIMIT),
+    ("rotational_velocity", "xyz", "rad/s", "world", None),
+    ("exponential_map", "xyz", "rad", "world", None),
+    ("type", "0123", "1", None, None),
+)
+_JOINT_QUANTITIES = ("angle", "joint_range_low", "joint_range_high")
+
+QUANTITIES: tuple[str, ...] = (*(quantity for quantity, *_ in _BODY_QUANTITIES), *_JOINT_QUANTITIES)
+"""What sensor tokens measure, in their order within a limb."""
+
+
+Scalar = tuple[str, str, str, str | None, str, str | None, float | None]
+"""limb, what its name ends in, quantity, component, unit, frame, limit."""
+
+
+def limb_scalars(limb: Limb, labels: Mapping[str, str]) -> Iterator[Scalar]:
+    """The scalars of a limb in their order; `labels` says what its joints are called."""
+    for quantity, components, unit, frame, limit in _BODY_QUANTITIES:
+        for component in components:
+            yield limb.name, f"{quantity}_{component}", quantity, component, unit, frame, limit
+    joints: tuple[Joint | None, ...] = limb.joints or (None,)
+    for joint in joints:
+        start = f"{labels[joint.name]}_" if joint and len(limb.joints) > 1 else ""
+        for quantity, unit in _joint_units(joint).items():
+            yield limb.name, start + quantity, quantity, None, unit, None, None
+
+
+def _joint_units(joint: Joint | None) -> dict[str, str]:
+    unit = "m" if joint is not None and joint.kind == "slide" else "1"
+    return dict.fromkeys(_JOINT_QUANTITIES, unit)
+
+
+def limb_labels(
+    morphology: Morphology, naming: Naming, limb_names: str, canonical: Mapping[str, str]
+) -> dict[str, str]:
+    """What each limb is called in token names, by its name in the file."""
+    if limb_names == "body" and naming == "canonical":
+        return {limb: _underscored(name) for limb, name in canonical_limb_names(morphology, canonical).items()}
+    if limb_names == "body":
+        names = [limb.name for limb in morphology.limbs]
+        return dict(zip(names, names, strict=True)) | numbered_labels(names, morphology.labels)
+    labels = unique(label_alone(limb, naming, limb_names) for limb in morphology.limbs)
+    return dict(zip((limb.name for limb in morphology.limbs), labels, strict=True))
+
+
+def label_alone(limb: Limb, naming: Naming, limb_names: str) -> str:
+    """What `limb` would be called in token names if there were no other."""
+    label = limb.joints[0].name if limb_names == "joint" and limb.joints and limb.parent is not None else limb.name
+    return _underscored(plain(split(label))) if naming == "canonical" else label
+
+
+def joint_labels(limb: Limb, naming: Naming, label: str) -> dict[str, str]:
+    """What each joint of a limb that is called `label` is called in token names, by its name in the file."""
+    if naming == "canonical":
+        return {joint: _underscored(name) for joint, name in canonical_joint_names(limb, label).items()}
+    return {joint.name: joint.name for joint in limb.joints}
+
+
+def actuator_names(
+    actuators: tuple[Actuator, ...],
+    naming: Naming,
+    labels: Mapping[str, str],
+    joints: Mapping[str, Mapping[str, str]],
+) -> Iterator[str]:
+    """`<limb>_ctrl`; `<limb>_<joint>_ctrl` where a limb has several; the actuator's own name where that is no name."""
+    a_limb = Counter(actuator.limb for actuator in actuators)
+    a_joint = Counter((actuator.limb, actuator.joint) for actuator in actuators)
+    for actuator in actuators:
+        limb, joint = actuator.limb, actuator.joint
+        own = _underscored(plain(split(actuator.name))) if naming == "canonical" else actuator.name
+        if limb is None:
+            parts = [own]
+        elif a_limb[limb] == 1:
+            parts = [labels[limb]]
+        elif joint is not None and a_joint[limb, joint] == 1:
+            parts = [labels[limb], joints[limb].get(joint, joint)]
+        else:
+            parts = [labels[limb], own]
+        yield "_".join([*parts, "ctrl"])
+
+
+def numbered_controls(actuators: Sequence[Actuator], alone: Sequence[str], taken: Iterable[str]) -> list[str]:
+    """Names of the actuators' tokens, unique also among those `taken`, out of what each would be called `alone`.
+
+    Those that drive a limb come first: one that drives none never takes a limb's name.
+    """
+    order = sorted(range(len(actuators)), key=lambda index: actuators[index].limb is None)
+    names = dict(zip(order, unique((alone[index] for index in order), taken=taken), strict=True))
+    return [names[index] for index in range(len(actuators))]
+
+
+def _underscored(name: str) -> str:
+    return name.replace(" ", "_")

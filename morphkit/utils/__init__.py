@@ -1,0 +1,1 @@
+"""What every part of morphkit needs: staged output, worker processes, file writing, caches, suggestions."""

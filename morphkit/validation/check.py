@@ -1,0 +1,109 @@
+"""The check of one file: every part of it that can be looked at is looked at, whatever else is broken."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+from morphkit.errors import DescriptionError
+from morphkit.validation import (
+    mjcf_assets,
+    mjcf_references,
+    mjcf_values,
+    urdf_inertia,
+    urdf_joints,
+    urdf_links,
+    urdf_tree,
+)
+from morphkit.validation.document import Document, elements, open_document
+from morphkit.validation.findings import Report
+from morphkit.validation.meshes import MeshFacts, check_meshes
+from morphkit.validation.sandbox import Answer, probe
+
+_NO_PACKAGES: Mapping[str, Path] = MappingProxyType({})
+_NO_ARGUMENTS: Mapping[str, str] = MappingProxyType({})
+
+
+def check(
+    path: str | Path,
+    *,
+    packages: Mapping[str, Path] = _NO_PACKAGES,
+    xacro_args: Mapping[str, str] = _NO_ARGUMENTS,
+    shown: str | None = None,
+    deep: bool = True,
+) -> Report:
+    """Check a URDF or MJCF file.
+
+    Args:
+        path: The file.
+        packages: Folder of each ROS package or Gazebo model that may be read, by name.
+        xacro_args: Values of a xacro file's arguments, by name.
+        shown: What the file is called in findings; None for `path`.
+        deep: Whether meshes are read and MJCF is compiled, in a process of its own.
+
+    Returns:
+        The findings; a file that is no XML or no robot is one as well.
+
+    Raises:
+        DescriptionError: There is no such file, or it cannot be read.
+        DependencyError: The library that expands xacro is missing.
+        UnknownNameError: The xacro file has no argument of a name in `xacro_args`.
+    """
+    path = Path(path)
+    report = Report(shown if shown is not None else str(path))
+    try:
+        doc = open_document(path, report, packages, xacro_args)
+    except OSError as error:
+        raise DescriptionError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if doc is not None and report.format == "urdf":
+        _check_urdf(doc, deep=deep)
+    elif doc is not None:
+        _check_mjcf(doc, path, deep=deep)
+    report.sort()
+    return report
+
+
+def _check_urdf(doc: Document, *, deep: bool) -> None:
+    urdf_tree.check_xacro(doc)
+    tree = urdf_tree.read_tree(doc)
+    urdf_tree.check_references(doc, tree)
+    urdf_joints.check_joints(doc, tree)
+    inertials, uses = urdf_links.check_links(doc, tree)
+    answer = probe([use.path for use in uses], None) if deep else Answer()
+    check_meshes(doc, uses, answer.meshes)
+    urdf_inertia.check_masses(doc, tree, inertials, uses, answer.meshes)
+    _check_death(doc, answer)
+
+
+def _check_mjcf(doc: Document, path: Path, *, deep: bool) -> None:
+    mjcf_values.check_numbers(doc)
+    inertials = mjcf_values.check_inertials(doc)
+    meshes = mjcf_assets.find_meshes(doc)
+    text, lines = mjcf_references.numbered(doc.root)
+    answer = Answer()
+    if deep:
+        folders = {name: str(folder.resolve()) for name, folder in doc.packages.items()}
+        model = {"source": text, "file": path.name, "folder": str(doc.folder.resolve()), "packages": folders}
+        answer = probe([use.path for use in meshes.values()], model)
+    found = answer.model or {}
+    mjcf_references.check_names(doc, found.get("names"))
+    mjcf_references.check_unused(doc)
+    mjcf_values.check_keyframes(doc, found.get("sizes"))
+    facts: Mapping[str, MeshFacts] = answer.meshes
+    check_meshes(doc, list(meshes.values()), facts)
+    mjcf_assets.check_bodies(doc, inertials, meshes, facts)
+    tops = [body for world in elements(doc.root, "worldbody") for body in elements(world, "body")]
+    if len(tops) > 1:
+        names = ", ".join(repr(body.get("name") or "") for body in tops[:8])
+        doc.add("bodies-several", tops[1], f"{len(tops)} bodies hang on the world: {names}")
+    elif not tops and next(doc.root.iter(*mjcf_references.EXPANDERS), None) is None and doc.complete:
+        doc.add("robot-empty", doc.root, "no <body> in <worldbody>")
+    if answer.model is not None:
+        mjcf_values.check_model(doc, answer.model, lines)
+    _check_death(doc, answer)
+
+
+def _check_death(doc: Document, answer: Answer) -> None:
+    if answer.died:
+        doc.report.add("simulator-crash", (doc.report.file, None), answer.died)

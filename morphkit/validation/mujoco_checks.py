@@ -1,0 +1,146 @@
+"""What MuJoCo makes of an MJCF model; runs in the child of `probe`."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from morphkit.description import Description
+from morphkit.errors import AssetError, DescriptionError
+from morphkit.readers.mjcf_actuators import is_limited
+from morphkit.simulation.spec import compile_spec, load_spec
+
+_PENETRATION_M = 0.002
+_KINDS = {
+    "body": "bodies", "joint": "joints", "geom": "geoms", "site": "sites", "camera": "cameras", "light": "lights",
+    "tendon": "tendons", "actuator": "actuators", "sensor": "sensors", "material": "materials", "texture": "textures",
+    "mesh": "meshes", "hfield": "hfields", "flex": "flexes",
+}  # fmt: skip
+_SIZES = {"qpos": "nq", "qvel": "nv", "act": "na", "ctrl": "nu"}
+
+
+def examine(source: str, file: str, folder: str, packages: dict[str, str]) -> dict[str, Any]:
+    """Parse and compile a model and look at its start.
+
+    Args:
+        source: The MJCF, includes flattened, an element a line.
+        file: What it is called.
+        folder: Where its assets start.
+        packages: Folder of each package that may be read, by name.
+
+    Returns:
+        `refused`: message and line where MuJoCo refuses it, else None; `names`: all names by kind; `sizes`: lengths of
+        the vectors of a keyframe; `joints` and `actuators`: what the checks need of them, with their lines; `touching`:
+        pairs of bodies that penetrate each other at the start, with the depth, m. What is not known is absent.
+    """
+    named = {name: Path(path) for name, path in packages.items()}
+    description = Description(Path(file).stem, file, "mjcf", source.encode(), Path(folder), packages=named)
+    found: dict[str, Any] = {"refused": None}
+    try:
+        warnings.simplefilter("ignore")
+        plain = mujoco.MjSpec.from_string(source)
+    except ValueError as error:
+        if "<model" not in source:  # else models to attach have to be located first
+            return {"refused": _refusal(error)}
+        plain = None
+    try:
+        spec, _ = load_spec(description)
+    except (DescriptionError, ValueError) as error:
+        return {"refused": _refusal(error)}
+    except AssetError:
+        spec = None  # files are checked for themselves
+    if spec is not None or plain is not None:
+        found |= _structure(spec if spec is not None else plain)
+    if spec is None:
+        return found
+    keys = list(spec.keys)
+    start = np.array(keys[0].qpos) if keys else np.zeros(0)
+    for key in keys:
+        spec.delete(key)  # their sizes are checked for themselves
+    try:
+        model = compile_spec(spec, file)
+    except DescriptionError as error:
+        return found | {"refused": _refusal(error)}
+    found["sizes"] = {key: int(getattr(model, size)) for key, size in _SIZES.items()}
+    found["sizes"] |= {"mpos": 3 * int(model.nmocap), "mquat": 4 * int(model.nmocap)}
+    found["touching"] = _touching(model, start)
+    return found
+
+
+def _refusal(error: Exception) -> dict[str, Any]:
+    message = " ".join(str(error).split())
+    line = re.search(r"line (\d+)", message)
+    # The line is one of the flattened text, so it is said by the place of the finding.
+    message = re.sub(r",? ?(id \d+|line \d+)(, column \d+)?", "", message)
+    message = re.sub(r"^.*?MuJoCo cannot (read|compile) it: ", "", message)
+    return {"message": re.sub(r"(XML )?Error: ?", "", message).strip(), "line": int(line[1]) if line else None}
+
+
+def _line(info: str) -> int | None:
+    line = re.search(r"line (\d+)", info or "")
+    return int(line[1]) if line else None
+
+
+def _structure(spec: mujoco.MjSpec) -> dict[str, Any]:
+    names = {kind: [each.name for each in getattr(spec, plural) if each.name] for kind, plural in _KINDS.items()}
+    driven = {each.target for each in spec.actuators}
+    coupled = {name for each in spec.equalities for name in (each.name1, each.name2)}
+    coupled |= {joint for tendon in spec.tendons for joint in _tendon_joints(tendon)}
+    kinds = mujoco.mjtJoint
+    joints = [
+        {
+            "name": joint.name,
+            "line": _line(joint.info),
+            "angular": joint.type in (kinds.mjJNT_HINGE, kinds.mjJNT_BALL),
+            "hinge": joint.type == kinds.mjJNT_HINGE,
+            "low": float(joint.range[0]),
+            "high": float(joint.range[1]),
+            "degree": bool(joint.compiler.degree),
+            "limited": is_limited(spec, joint.limited, float(joint.range[0]), float(joint.range[1])),
+            "passive": joint.type != kinds.mjJNT_FREE
+            and joint.parent.parent.name != "world"
+            and not np.any(joint.stiffness)
+            and joint.name not in driven | coupled,
+        }
+        for joint in spec.joints
+    ]
+    actuators = [
+        {
+            "name": each.name,
+            "line": _line(each.info),
+            "bounded": is_limited(spec, each.ctrllimited, float(each.ctrlrange[0]), float(each.ctrlrange[1]))
+            or float(each.inheritrange) > 0
+            or each.dyntype == mujoco.mjtDyn.mjDYN_MUSCLE,  # it clips its excitation to 0..1
+        }
+        for each in spec.actuators
+    ]
+    return {"names": names, "joints": joints, "actuators": actuators}
+
+
+def _tendon_joints(tendon: Any) -> list[str]:
+    return [wrap.target.name for wrap in tendon.path if wrap.type == mujoco.mjtWrap.mjWRAP_JOINT and wrap.target]
+
+
+def _touching(model: mujoco.MjModel, start: np.ndarray) -> list[dict[str, Any]]:
+    data = mujoco.MjData(model)
+    if start.size == model.nq:
+        data.qpos[:] = start
+    else:
+        for joint in np.flatnonzero((model.jnt_limited > 0) & (model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE))):
+            address = model.jnt_qposadr[joint]
+            data.qpos[address] = np.clip(data.qpos[address], *model.jnt_range[joint])
+    mujoco.mj_forward(model, data)
+    deepest: dict[tuple[str, str], float] = {}
+    for contact in data.contact[: data.ncon]:
+        bodies = [int(model.geom_bodyid[geom]) if geom >= 0 else 0 for geom in (contact.geom1, contact.geom2)]
+        if 0 in (int(model.body_weldid[body]) for body in bodies) or contact.dist > -_PENETRATION_M:
+            continue
+        first, second = sorted(bodies)
+        pair = (model.body(first).name, model.body(second).name)
+        deepest[pair] = max(deepest.get(pair, 0.0), -float(contact.dist))
+    return [{"bodies": pair, "depth": depth} for pair, depth in deepest.items()]

@@ -1,0 +1,144 @@
+"""What only dangerous libraries can tell of a file, found out in a process of its own with bounded time and memory.
+
+Mesh readers and MuJoCo may crash or fill the memory on files from strangers. The child answers line by line, so that
+what it found before it died counts.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from morphkit.validation.meshes import MeshFacts
+
+LIMIT_S = 120
+LIMIT_BYTES = 8 * 1024**3
+MAX_MESH_BYTES = 256 * 1024**2
+
+
+@dataclass
+class Answer:
+    """What the child found out.
+
+    Attributes:
+        meshes: Facts by path.
+        model: What MuJoCo made of the model, see `_examine`; None where it was not asked or the child died before.
+        died: How and at what the child died; empty where it did not.
+    """
+
+    meshes: dict[str, MeshFacts] = field(default_factory=dict)
+    model: dict[str, Any] | None = None
+    died: str = ""
+
+
+def probe(meshes: Sequence[Path], model: dict[str, Any] | None) -> Answer:
+    """Ask a child about meshes and a model.
+
+    Args:
+        meshes: Mesh files.
+        model: `source` (text of an MJCF without includes), `file`, `folder` and `packages`; None for no model.
+    """
+    answer = Answer()
+    wanted = list(dict.fromkeys(map(str, meshes)))
+    tasks = [*wanted, *(["MuJoCo"] if model is not None else [])]
+    if not tasks:
+        return answer
+    request = json.dumps({"meshes": wanted, "model": model}).encode()
+    command = [sys.executable, "-m", "morphkit.validation.sandbox"]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    reason = ""
+    try:
+        # An empty folder: Python would import what lies where it works, and MuJoCo writes a log there.
+        with tempfile.TemporaryDirectory() as empty:
+            done = subprocess.run(
+                command, input=request, capture_output=True, timeout=LIMIT_S, env=environment, cwd=empty, check=False
+            )
+        output = done.stdout
+        if done.returncode < 0:
+            reason = f"signal {-done.returncode}"
+        elif done.returncode:
+            reason = (done.stderr.decode(errors="replace").strip().splitlines() or ["no message"])[-1][:200]
+    except subprocess.TimeoutExpired as error:
+        output, reason = error.stdout or b"", f"no answer within {LIMIT_S} s"
+    for line in output.decode(errors="replace").splitlines():
+        _take(answer, line)
+    if reason:
+        finished = len(answer.meshes) + (answer.model is not None)
+        answer.died = f"{tasks[min(finished, len(tasks) - 1)]}: {reason}"
+    return answer
+
+
+def _take(answer: Answer, line: str) -> None:
+    try:
+        found = json.loads(line)
+    except ValueError:
+        return  # something that a library printed, or the line that the child died in
+    if not isinstance(found, dict):
+        return
+    if "mesh" in found:
+        bounds = np.array(found.get("bounds", np.zeros((2, 3))), dtype=float)
+        facts = MeshFacts(
+            bounds,
+            found.get("volume", 0.0),
+            found.get("faces", 0),
+            found.get("problem", ""),
+            found.get("up_axis"),
+        )
+        answer.meshes[found["mesh"]] = facts
+    elif "model" in found:
+        answer.model = found["model"]
+
+
+def _measure(path: Path) -> dict[str, Any]:
+    from morphkit.simulation.mesh_files import load_mesh, up_axis
+
+    if path.stat().st_size > MAX_MESH_BYTES:
+        return {"problem": f"larger than {MAX_MESH_BYTES // 2**20} MiB"}
+    mesh = load_mesh(path)
+    if not np.all(np.isfinite(mesh.vertices)):
+        return {"problem": "a vertex is not finite"}
+    try:
+        volume = float(mesh.convex_hull.volume)
+    except Exception:  # qhull refuses flat meshes in several ways
+        volume = 0.0
+    return {"bounds": mesh.bounds.tolist(), "volume": volume, "faces": len(mesh.faces), "up_axis": up_axis(path)}
+
+
+def _answers(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    for path in request["meshes"]:
+        try:
+            facts = _measure(Path(path))
+        except Exception as error:  # whatever the reader of the format raises
+            facts = {"problem": " ".join(str(error).split())[:200] or type(error).__name__}
+        yield {"mesh": path, **facts}
+    if request["model"] is not None:
+        from morphkit.validation.mujoco_checks import examine
+
+        yield {"model": examine(**request["model"])}
+
+
+def main() -> None:
+    """Answer the request on stdin, a line each."""
+    if os.name == "posix":
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (LIMIT_BYTES, LIMIT_BYTES))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    out = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # what libraries print goes to stderr
+    for answer in _answers(json.load(sys.stdin)):
+        out.write(json.dumps(answer) + "\n")
+        out.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,207 @@
+"""Checks of a URDF: names, the tree that joints make of links, and what refers to either."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from morphkit.formats.urdf_names import joint_calls
+from morphkit.readers.common import give_names, nearest
+from morphkit.readers.urdf_structure import JOINT_TYPES, XACRO_DEFINITIONS, is_xacro, xacro_name
+from morphkit.validation.common import index_names, read_numbers, shorten, unknown
+from morphkit.validation.document import Document, elements
+
+_OWN = ("robot", "link", "joint", "mesh", "origin", "parent", "child", "mass", "inertia", "limit")
+_FEW = 8
+
+
+@dataclass
+class UrdfTree:
+    """Links and joints by name, and the joints whose ends exist.
+
+    Attributes:
+        links: Link elements by name.
+        joints: Joint elements by name.
+        ends: Joint name -> (parent link, child link), where both exist and no other joint has the child.
+    """
+
+    links: dict[str, Any]
+    joints: dict[str, Any]
+    ends: dict[str, tuple[str, str]]
+
+    def groups(self) -> Iterator[tuple[str | None, list[str]]]:
+        """Yield the rigid groups of links: name of the moving joint that carries the group, or None, and the links."""
+        below: dict[str, list[str]] = {}
+        for joint, (parent, _) in self.ends.items():
+            below.setdefault(parent, []).append(joint)
+        children = {child for _, child in self.ends.values()}
+        pending: list[tuple[str | None, str]] = [(None, link) for link in reversed(self.links) if link not in children]
+        while pending:
+            carrier, first = pending.pop()
+            group, stack = [], [first]
+            while stack:
+                link = stack.pop()
+                group.append(link)
+                for joint in below.get(link, ()):
+                    child = self.ends[joint][1]
+                    if self.joints[joint].get("type") == "fixed":
+                        stack.append(child)
+                    else:
+                        pending.append((joint, child))
+            yield carrier, group
+
+
+def read_tree(doc: Document) -> UrdfTree:
+    """Return links and joints, and report what keeps them from being one tree."""
+    root = doc.root
+    links = index_names(doc, elements(root, "link"), "link", required=True)
+    # Transmissions and ros2_control have joint elements too; only the children of <robot> are joints.
+    found = elements(root, "joint")
+    index_names(doc, found, "joint", required=True)
+    # Joints without a name of their own are looked at all the same, called as the readers call them.
+    joints = dict(zip(give_names([joint.get("name") for joint in found], joint_calls(found)), found, strict=True))
+    if not links:
+        doc.add("robot-empty", root, "no <link> in <robot>")
+    tree = UrdfTree(links, joints, {})
+    joint_of: dict[str, str] = {}
+    complete = True
+    for name, joint in joints.items():
+        kind = joint.get("type")
+        if kind not in JOINT_TYPES:
+            hint = nearest(kind or "", JOINT_TYPES)
+            doc.add("joint-type", joint, f"joint {name!r} has type {kind!r}{hint}", name=name)
+        parent, child = (_end(doc, joint, name, tag, links) for tag in ("parent", "child"))
+        if parent is None or child is None:
+            complete = False
+            continue
+        if child in joint_of:
+            other = joint_of[child]
+            doc.add(
+                "parents-several",
+                joint,
+                f"link {child!r} is the child of joint {name!r} and of joint {other!r}"
+                f" (line {joints[other].sourceline})",
+                name=child,
+            )
+            continue
+        joint_of[child] = name
+        tree.ends[name] = (parent, child)
+    _check_cycles(doc, tree)
+    roots = [link for link in links if link not in joint_of]
+    if len(roots) > 1 and complete:  # a broken joint is reported already, and is why its child has no parent
+        listed = ", ".join(roots[:_FEW]) + (", ..." if len(roots) > _FEW else "")
+        doc.add("roots-several", links[roots[1]], f"{len(roots)} links have no parent: {listed}", name=roots[1])
+    return tree
+
+
+def _end(doc: Document, joint: Any, name: str, tag: str, links: dict[str, Any]) -> str | None:
+    element = next(iter(elements(joint, tag)), None)
+    link = element.get("link") if element is not None else None
+    if not link:
+        fix = f'Write <{tag} link="..."/>.'
+        doc.add("reference-unknown", joint, f"joint {name!r} has no {tag} link", name=name, fix=fix)
+        return None
+    if link not in links:
+        doc.add(
+            "reference-unknown", element, f"joint {name!r} has as {tag} {unknown(doc, 'link', link, links)}", name=name
+        )
+        return None
+    return str(link)
+
+
+def _check_cycles(doc: Document, tree: UrdfTree) -> None:
+    """Report each cycle once, and take one of its joints out of the tree."""
+    joint_to = {child: joint for joint, (_, child) in tree.ends.items()}
+    safe: set[str] = set()
+    for start in list(joint_to):
+        path: dict[str, None] = {}
+        link: str | None = start
+        while link is not None and link not in safe and link not in path:
+            path[link] = None
+            joint = joint_to.get(link)
+            link = tree.ends[joint][0] if joint in tree.ends else None
+        if link is not None and link in path:
+            ring = list(path)[list(path).index(link) :]
+            order = list(tree.joints)
+            last = max((joint_to[each] for each in ring), key=order.index)
+            loop = " -> ".join([*reversed(ring[:_FEW]), ring[0]] if len(ring) <= _FEW else [*ring[:_FEW], "..."])
+            doc.add("cycle", tree.joints[last], f"links form a cycle: {loop}", name=last)
+            del tree.ends[last]
+        safe.update(path)
+
+
+def check_references(doc: Document, tree: UrdfTree) -> None:
+    """Report references to links, joints and materials that do not exist."""
+    root = doc.root
+    for name, joint in tree.joints.items():
+        for mimic in elements(joint, "mimic"):
+            target = mimic.get("joint") or ""
+            if target not in tree.joints:
+                doc.add(
+                    "reference-unknown",
+                    mimic,
+                    f"joint {name!r} mimics {unknown(doc, 'joint', target, tree.joints)}",
+                    name=name,
+                )
+    _check_materials(doc)
+    for block in elements(root, "gazebo"):
+        target = block.get("reference")
+        if target is not None and target not in tree.links and target not in tree.joints:
+            known = [*tree.links, *tree.joints]
+            doc.add("reference-ignored", block, f"<gazebo> refers to {unknown(doc, 'link or joint', target, known)}")
+    for sensor in elements(root, "sensor"):
+        for parent in elements(sensor, "parent"):
+            target = parent.get("link") or parent.get("joint") or ""
+            if target not in tree.links and target not in tree.joints:
+                what = f"sensor {sensor.get('name')!r} sits on {unknown(doc, 'link', target, tree.links)}"
+                doc.add("reference-unknown", parent, what, name=sensor.get("name") or "")
+    for control in elements(root, "ros2_control"):
+        for element in elements(control, "joint"):
+            target = element.get("name") or ""
+            if target not in tree.joints:
+                what = f"<ros2_control> drives {unknown(doc, 'joint', target, tree.joints)}"
+                doc.add("reference-unknown", element, what, name=target)
+
+
+def _check_materials(doc: Document) -> None:
+    top = elements(doc.root, "material")
+    index_names(doc, top, "material", required=False)
+    inline = [material for link in elements(doc.root, "link") for material in link.iter("material")]
+    defined = {each.get("name") for each in [*top, *inline] if len(elements(each))}
+    used = {each.get("name") for each in inline}
+    for colour in (colour for material in [*top, *inline] for colour in elements(material, "color")):
+        owner = f"material {colour.getparent().get('name')!r}"
+        if colour.get("rgba") is None:
+            doc.add("number-invalid", colour, f"<color> of {owner} has no rgba")
+        read_numbers(doc, colour, "rgba", range(4, 5), owner=owner)
+    for material in inline:
+        name = material.get("name")
+        if name and name not in defined:
+            link = next(each.get("name") for each in material.iterancestors("link"))
+            known = [each for each in defined if each]
+            what = f"a visual of link {link!r} has {unknown(doc, 'material', name, known)}"
+            doc.add("material-undefined", material, what, name=name)
+    for material in top:
+        if material.get("name") not in used:
+            what = f"nothing uses material {material.get('name')!r}"
+            doc.add("asset-unused", material, what, name=material.get("name") or "")
+
+
+def check_xacro(doc: Document) -> None:
+    """Report what xacro should have expanded."""
+    for element in doc.root.iter():
+        if not isinstance(element.tag, str):
+            continue
+        if is_xacro(element):
+            name = xacro_name(element)
+            if any(xacro_name(above) == "macro" for above in element.iterancestors()):
+                continue  # part of a definition
+            if name in XACRO_DEFINITIONS:
+                doc.add("xacro-leftover", element, f"<xacro:{name}> is left over")
+            else:
+                doc.add("xacro-unexpanded", element, f"<xacro:{name}> stands for elements that are missing")
+        elif not any(is_xacro(above) for above in element.iterancestors()):
+            for key, value in element.attrib.items():
+                if "${" in value or ("$(" in value and "$(find" not in value and element.tag in _OWN):
+                    doc.add("xacro-unexpanded", element, f'{key}="{shorten(value)}" in <{element.tag}>')

@@ -1,0 +1,1 @@
+"""Robots for the eyes: pictures, films, and the browser."""

@@ -1,0 +1,1 @@
+"""TD3 over many morphologies, and what acts and learns with it."""

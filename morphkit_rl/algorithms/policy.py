@@ -1,0 +1,155 @@
+"""A trained policy without its trainer."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import torch
+from torch import nn
+
+from morphkit.errors import CheckpointError, ConfigError
+from morphkit.tokens.spec import TokenSpec
+from morphkit_rl.algorithms.actions import ActionRows
+from morphkit_rl.algorithms.normalizer import Normalizer, normalize
+from morphkit_rl.config.train_config import TrainConfig
+from morphkit_rl.models import find
+from morphkit_rl.models.layout import build_layout
+from morphkit_rl.models.vocabulary import Vocabulary
+from morphkit_rl.runs import checkpoint, run_settings
+from morphkit_rl.text.baselines import controlled
+from morphkit_rl.text.embedder import TokenEmbedder
+from morphkit_rl.text.tuning import make_tuner
+
+Controller = Callable[[np.ndarray], np.ndarray]
+"""float32 observations (batch, tokens) to float32 controls (batch, actuators) of one robot."""
+
+
+class Policy:
+    """One noise-free policy for any robot whose tokens have names.
+
+    Args:
+        actor: The network.
+        normalizer: Observation statistics.
+        embedder: Texts to embeddings.
+        config: What the policy was trained with.
+        trained_on: Names of the training robots.
+        vocabulary: What the networks were made for.
+
+    Example:
+        >>> policy = Policy.load("runs/cheetah")  # doctest: +SKIP
+        >>> controls = policy.act(spec, obs)  # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        actor: nn.Module,
+        normalizer: Normalizer,
+        embedder: TokenEmbedder,
+        config: TrainConfig,
+        trained_on: Sequence[str] = (),
+        vocabulary: Vocabulary | None = None,
+    ):
+        self.actor, self.normalizer, self.embedder, self.config = actor, normalizer, embedder, config
+        self.trained_on, self.vocabulary = tuple(trained_on), vocabulary
+        self._controllers: dict[TokenSpec, Controller] = {}
+        self._latest: tuple[TokenSpec, Controller] | None = None  # finding a specification takes 30 us
+
+    @classmethod
+    def load(cls, run: str | Path) -> Policy:
+        """Load the latest checkpoint of a run folder.
+
+        Raises:
+            CheckpointError: There is none, it is damaged, or it belongs to another method.
+            DependencyError: The text encoder is out of reach.
+        """
+        run = Path(run)
+        folder, state = checkpoint.load_state(run)
+        saved = run_settings.read(run)
+        config = TrainConfig.from_dict(saved["config"], origin=str(run / "config.json"))
+        arrays = checkpoint.load_arrays(folder / "policy.safetensors")
+        try:
+            vocabulary = Vocabulary.from_dict(state["vocabulary"])
+            mean, std = arrays["embedding/mean"], arrays["embedding/std"]
+            statistics = {key: arrays[f"normalizer/{key}"] for key in ("count", "mean", "m2")}
+            quantities = state["quantities"]
+        except KeyError as error:
+            raise CheckpointError(f"{folder}: damaged: it lacks {error}") from None
+        encoder = controlled(run_settings.make_encoder(config), config.text.control, vocabulary.texts)
+        embedder = TokenEmbedder(encoder, mean, std)
+        normalizer = Normalizer()
+        normalizer.load_state_dict(statistics, quantities)
+        if embedder.mean.shape != (encoder.size,):
+            raise CheckpointError(
+                f"{folder}: made with embeddings of size {embedder.mean.size}; "
+                f"{config.text.encoder!r} gives {encoder.size}"
+            )
+        method = find(config.model.method)
+        checkpoint.check_method(folder, state, method.name)
+        tune = make_tuner(config.text.tune, embedder, vocabulary.texts)
+        actor, _ = method.build(config.model, encoder.size, vocabulary, tune)
+        checkpoint.load_modules({"actor": actor}, arrays, folder / "policy.safetensors")
+        return cls(actor, normalizer, embedder, config, [robot["name"] for robot in saved["robots"]], vocabulary)
+
+    def act(self, spec: TokenSpec, obs: np.ndarray) -> np.ndarray:
+        """Controls for one robot.
+
+        Args:
+            spec: The robot's tokens.
+            obs: (tokens,) or (batch, tokens) observations in token order, in the tokens' units.
+
+        Returns:
+            float32 (actuators,) or (batch, actuators) in the actuators' units and order.
+
+        Raises:
+            ConfigError: The observations have another width than the robot has sensor tokens, the method cannot
+                express the robot, or the policy was trained on a choice of quantities that `spec` goes beyond.
+        """
+        obs = np.asarray(obs, dtype=np.float32)
+        if obs.ndim not in (1, 2) or obs.shape[-1] != len(spec.sensors):
+            raise ConfigError(
+                f"{spec.morphology}: expected observations of width {len(spec.sensors)}, "
+                f"got an array of shape {obs.shape}"
+            )
+        if self._latest is None or self._latest[0] is not spec:
+            self._latest = spec, self._controllers.get(spec) or self._prepare(spec)
+        return self._latest[1](np.atleast_2d(obs)).reshape(*obs.shape[:-1], len(spec.actuators))
+
+    @torch.no_grad()
+    def _prepare(self, spec: TokenSpec) -> Controller:
+        if spec.naming != self.config.text.naming:
+            warnings.warn(
+                f"{spec.morphology}: tokens are named {spec.naming!r}, the policy was trained on "
+                f"{self.config.text.naming!r} names",
+                stacklevel=3,
+            )
+        self._check_quantities(spec)
+        method = find(self.config.model.method)
+        method.check(spec, self.config.model, self.vocabulary)
+        layout = build_layout([spec], self.embedder, actions=method.actions)
+        names = cast(Any, self.actor).read_names(layout)
+        scale = shift = None
+        if self.config.trainer.normalize:
+            scale, shift = map(torch.from_numpy, self.normalizer.scale_and_shift(self.normalizer.index([spec])))
+        rows = ActionRows(layout)
+
+        @torch.no_grad()
+        def act(obs: np.ndarray) -> np.ndarray:
+            action = self.actor(normalize(torch.from_numpy(obs), scale, shift), layout, names)
+            return rows.to_controls(action.numpy())[0].astype(np.float32)
+
+        self._controllers[spec] = act
+        return act
+
+    def _check_quantities(self, spec: TokenSpec) -> None:
+        chosen = self.config.trainer.sensors
+        known = {key.partition("/")[0] for key in self.normalizer.keys}
+        beyond = [quantity for quantity in dict.fromkeys(s.quantity for s in spec.sensors) if quantity not in known]
+        if chosen and beyond:
+            raise ConfigError(
+                f"{spec.morphology}: has tokens of {', '.join(beyond)}, which the policy was trained without "
+                f"(trainer.sensors is {', '.join(chosen)})"
+            )

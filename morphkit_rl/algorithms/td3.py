@@ -1,0 +1,203 @@
+"""TD3 over many morphologies at once (Fujimoto et al. 2018, algorithm 1)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import deepcopy
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from morphkit.errors import ConfigError
+from morphkit_rl.algorithms.normalizer import normalize
+from morphkit_rl.buffers.replay_buffer import Batch
+from morphkit_rl.config.train_config import ModelConfig, TD3Config
+from morphkit_rl.models import build
+from morphkit_rl.models.blocks import set_precision
+from morphkit_rl.models.layout import Layout
+from morphkit_rl.models.vocabulary import Vocabulary
+
+
+class TD3:
+    """Actor, twin critics, their targets and optimisers.
+
+    Args:
+        model: Size of the networks.
+        config: Hyperparameters.
+        embedding_size: Size of a token's text embedding.
+        vocabulary: What the method must know of the training robots.
+        tune: Makes a network's own text embeddings; None: they are frozen.
+        device: Where the networks live.
+        precision: `float32`, or `bfloat16` for the transformer layers; parameters are float32.
+
+    Raises:
+        ConfigError: The device cannot be used, or the method or a size is impossible.
+    """
+
+    def __init__(
+        self,
+        model: ModelConfig,
+        config: TD3Config,
+        embedding_size: int,
+        *,
+        vocabulary: Vocabulary | None = None,
+        tune: Callable[[], nn.Module] | None = None,
+        device: str = "cpu",
+        precision: str = "float32",
+    ):
+        self.config = config
+        self.device = find_device(device)
+        self.precision = precision
+        self._build = lambda: build(model, embedding_size, vocabulary, tune)
+        actor, critic = self._build()
+        for network in (actor, critic):
+            set_precision(network, getattr(torch, precision))
+        self.actor, self.critic = actor.to(self.device), critic.to(self.device)
+        self.actor_target, self.critic_target = (
+            deepcopy(net).requires_grad_(False) for net in (self.actor, self.critic)
+        )
+        fused = self.device.type in ("cpu", "cuda")
+        self.actor_optimizer = torch.optim.Adam(self.actor.parameters(), config.learning_rate, fused=fused)
+        self.critic_optimizer = torch.optim.Adam(self.critic.parameters(), config.learning_rate, fused=fused)
+        self.updates = 0
+
+    def update(
+        self,
+        batch: Batch,
+        scale: Tensor | None,
+        shift: Tensor | None,
+        layout: Layout,
+        rng: np.random.Generator,
+        number: int | None = None,
+    ) -> dict[str, Tensor]:
+        """Update the critics, and every `policy_delay`-th time the actor and the targets.
+
+        A robot's reward holds for each of its values. Losses are means over a robot's values, then over the robots.
+
+        Args:
+            batch: Transitions of the layout's robots, raw observations.
+            scale: (tokens,) factor that normalises observations; None leaves them as they are.
+            shift: (tokens,) summand that normalises observations; None as with `scale`.
+            layout: The robots.
+            rng: Source of the target noise.
+            number: Which update it is, from 0, for `policy_delay`; default: that of all so far.
+
+        Returns:
+            Scalars: `critic_loss` and `q_mean`, with `actor_loss` where the actor was updated.
+        """
+        obs = normalize(self._tensor(batch.obs), scale, shift)
+        next_obs = normalize(self._tensor(batch.next_obs), scale, shift)
+        action = self._tensor(batch.action)
+        drawn = rng.standard_normal(action.shape, dtype=np.float32) * self.config.target_noise
+        noise = self._tensor(drawn.clip(-self.config.target_noise_clip, self.config.target_noise_clip))
+        robot = self.critic.value_robot(layout)
+        values = robot.new_zeros(layout.num_robots).index_add(0, robot, torch.ones_like(robot))  # bincount would wait
+        share = 1 / (layout.num_robots * values[robot])
+        with torch.no_grad():
+            next_action = (self.actor_target(next_obs, layout) + noise).clamp(-1, 1)
+            next_q = self.critic_target(next_obs, next_action, layout).amin(0)
+            reward = self._tensor(batch.reward) * self.config.reward_scale
+            target = reward[:, robot] + self._tensor(batch.discount)[:, robot] * next_q
+        q = self.critic(obs, action, layout)
+        critic_loss = ((q - target).square().mean(1) * share).sum()
+        self._step(critic_loss, self.critic_optimizer, self.critic)
+        losses = {
+            "critic_loss": critic_loss.detach(),
+            "q_mean": (q.detach().mean((0, 1)) * share).sum() / self.config.reward_scale,
+        }
+        first = 0 if self.config.actor_first else self.config.policy_delay - 1
+        if (self.updates if number is None else number) % self.config.policy_delay == first:
+            self.critic.requires_grad_(False)
+            actor_action = self.actor(obs, layout)
+            q = self.critic(obs, actor_action, layout, members=1)[0]
+            self.critic.requires_grad_(True)
+            actor_loss = -(q.mean(0) * share).sum()
+            if self.config.saturation_penalty > 0:
+                actor_loss = actor_loss + self.config.saturation_penalty * saturation(actor_action)
+            self._step(actor_loss, self.actor_optimizer, self.actor)
+            losses["actor_loss"] = actor_loss.detach()
+            for target_net, net in ((self.actor_target, self.actor), (self.critic_target, self.critic)):
+                with torch.no_grad():
+                    torch._foreach_lerp_(list(target_net.parameters()), list(net.parameters()), self.config.tau)
+        self.updates += 1
+        if self.config.reset_updates and self.updates % self.config.reset_updates == 0:
+            self._reset(rng)
+        return losses
+
+    @torch.no_grad()
+    def act(self, obs: np.ndarray, scale: Tensor | None, shift: Tensor | None, layout: Layout) -> np.ndarray:
+        """Noise-free actions in [-1, 1] (batch, actions) at raw observations (batch, tokens)."""
+        return self.actor(normalize(self._tensor(obs), scale, shift), layout).cpu().numpy()
+
+    def networks(self) -> dict[str, nn.Module]:
+        """The networks by name."""
+        return {
+            "actor": self.actor,
+            "critic": self.critic,
+            "actor_target": self.actor_target,
+            "critic_target": self.critic_target,
+        }
+
+    def optimizers(self) -> dict[str, torch.optim.Optimizer]:
+        """The optimisers by name."""
+        return {"actor": self.actor_optimizer, "critic": self.critic_optimizer}
+
+    def _reset(self, rng: np.random.Generator) -> None:
+        """Draw the last layers of all networks anew, targets like online ones, and forget their optimisers' moments."""
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(int(rng.integers(2**63)))
+            fresh = self._build()
+        nets = ((self.actor, self.actor_target, self.actor_optimizer),
+                (self.critic, self.critic_target, self.critic_optimizer))  # fmt: skip
+        for drawn, (online, target, optimizer) in zip(fresh, nets, strict=True):
+            values = dict(drawn.named_parameters())
+            for network in (online, target):
+                for name, parameter in network.named_parameters():
+                    if name.startswith(online.last_layers):
+                        parameter.data.copy_(values[name])
+                        optimizer.state.pop(parameter, None)
+
+    def _tensor(self, array: np.ndarray) -> Tensor:
+        return torch.as_tensor(array, dtype=torch.float32, device=self.device)
+
+    def _step(self, loss: Tensor, optimizer: torch.optim.Optimizer, net: nn.Module) -> None:
+        optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        if self.config.gradient_clip > 0:
+            nn.utils.clip_grad_norm_(net.parameters(), self.config.gradient_clip)
+        optimizer.step()
+
+
+def find_device(name: str) -> torch.device:
+    """The device that PyTorch calls so.
+
+    Raises:
+        ConfigError: There is no such device, or it cannot be used on this machine.
+    """
+    try:
+        device = torch.device(name)
+        torch.zeros(1, device=device).item()
+    except (RuntimeError, AssertionError) as error:  # The latter from a PyTorch that was built without the device.
+        reason = str(error).strip().partition("\n")[0]
+        raise ConfigError(f"device {name!r} cannot be used here: {reason}") from None
+    return device
+
+
+def saturation(action: Tensor) -> Tensor:
+    """Mean square of what tanh made into `action`, a scalar; there is no gradient where that was beyond 7.25."""
+    bound = 1 - 1e-6
+    return torch.atanh(action.clamp(-bound, bound)).square().mean()
+
+
+def resolve_precision(precision: str, device: str) -> str:
+    """`auto` becomes `bfloat16` where the processor multiplies it natively, else `float32`.
+
+    Raises:
+        ConfigError: The device cannot be used.
+    """
+    if precision != "auto":
+        return precision
+    if find_device(device).type == "cuda":
+        return "bfloat16" if torch.cuda.is_bf16_supported() else "float32"
+    return "bfloat16" if torch.cpu._is_avx512_bf16_supported() else "float32"

@@ -1,0 +1,1 @@
+"""The report of a benchmark: tables and figures in Markdown."""

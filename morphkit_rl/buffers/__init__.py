@@ -1,0 +1,1 @@
+"""Replay: the transitions that are learned from."""

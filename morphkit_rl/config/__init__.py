@@ -1,0 +1,1 @@
+"""Settings of a training run: dataclasses, TOML presets, and how they are read."""

@@ -1,0 +1,214 @@
+"""Training settings: frozen dataclasses, read from TOML presets, changed with `key=value`."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal
+
+from morphkit.errors import ConfigError, UnknownNameError
+from morphkit_rl.config.parsing import build, lists_for_tuples, override
+
+
+@dataclass(frozen=True, slots=True)
+class TextConfig:
+    """How token texts become vectors.
+
+    Attributes:
+        encoder: `minilm`, a model name of the Hugging Face hub, or a local folder.
+        pooling: `mean`, `cls`, or `default` for what suits the encoder.
+        naming: `canonical` gives like limbs of different robots like texts; `raw` keeps the file's names.
+        limb_names: Whether limbs are called by their body (link) or by their joint.
+        style: Whether texts are words or, as in published code, names with their underscores.
+        standardize: Whether embeddings are standardised over the training texts; published code takes them as they are.
+        control: `none`, or what stands in for the embeddings to see whether the text matters: `random` vectors,
+            `shuffled` ones of other training texts, or `one-hot` numbers of training texts.
+        tune: Whether embeddings stay `frozen`, get a learned `residual` each, or the whole `encoder` learns; texts that
+            training does not know keep their frozen ones.
+    """
+
+    encoder: str = "minilm"
+    pooling: Literal["default", "mean", "cls"] = "default"
+    naming: Literal["canonical", "raw"] = "raw"
+    limb_names: Literal["body", "joint"] = "body"
+    style: Literal["words", "raw"] = "words"
+    standardize: bool = True
+    control: Literal["none", "random", "shuffled", "one-hot"] = "none"
+    tune: Literal["frozen", "residual", "encoder"] = "frozen"
+
+
+@dataclass(frozen=True, slots=True)
+class ModelConfig:
+    """Size of actor and critics.
+
+    Attributes:
+        method: Name of the method.
+        d_model: Width of a limb token.
+        layers: Transformer layers.
+        heads: Attention heads.
+        feedforward: Width of the feed-forward part of a layer.
+        conditioned: Amorpheus and the critics of MA-BERT and AnyMorph: whether the head reads a limb's scalars again.
+        code_size: MA-BERT and AnyMorph: size of the frequency code of a value; even.
+        combine: MA-BERT: whether a token's embedding and frequency code are concatenated or added.
+        hidden: MA-BERT and AnyMorph: whether one more hidden layer stands before the transformer.
+        token_size: AnyMorph: size of a learned token embedding.
+        message_size: SMP: size of a message.
+        actor_messages: SMP: which way messages go in the actor.
+        critic_messages: SMP: the same in the critics.
+    """
+
+    method: str = "limb-former"
+    d_model: int = 64
+    layers: int = 2
+    heads: int = 2
+    feedforward: int = 128
+    conditioned: bool = True
+    code_size: int = 96
+    combine: Literal["concat", "add"] = "concat"
+    hidden: bool = False
+    token_size: int = 32
+    message_size: int = 32
+    actor_messages: Literal["both", "up", "down", "none"] = "both"
+    critic_messages: Literal["both", "up", "down", "none"] = "both"
+
+
+@dataclass(frozen=True, slots=True)
+class TD3Config:
+    """TD3 (Fujimoto et al. 2018).
+
+    Attributes:
+        batch_size: Transitions in an update over all robots; every robot gives the same share, rounded up. In the
+            schedule `rounds`, those of the one robot that is updated.
+        discount: Discount of one step.
+        n_step: Rewards summed before the target bootstraps.
+        tau: Share of the online networks that a Polyak update moves into the targets.
+        policy_delay: Critic updates per actor and target update.
+        actor_first: Whether the first update of the critics is followed by one of the actor, as in published code; else
+            the `policy_delay`-th is.
+        learning_rate: Adam's step size, for actor and critics.
+        target_noise: Standard deviation of the noise on target actions, on actions in [-1, 1].
+        target_noise_clip: Bound of that noise.
+        exploration_noise: Standard deviation of the noise on actions in [-1, 1] while collecting.
+        gradient_clip: Largest gradient norm; 0 for none.
+        reset_updates: Updates after which the last layers are drawn anew, again and again (Nikishin et al. 2022); 0 for
+            never.
+        reward_scale: Factor on rewards before they are learned from.
+        saturation_penalty: Factor, in the actor's loss, on the mean square of atanh(action). Above 0 it keeps a young
+            actor from fleeing to the ends of its range, where tanh passes no gradient back; 0, as published, for none.
+    """
+
+    batch_size: int = 252
+    discount: float = 0.99
+    n_step: int = 1
+    tau: float = 0.02
+    policy_delay: int = 2
+    actor_first: bool = False
+    learning_rate: float = 6e-4
+    target_noise: float = 0.2
+    target_noise_clip: float = 0.5
+    exploration_noise: float = 0.2
+    gradient_clip: float = 10.0
+    reset_updates: int = 0
+    reward_scale: float = 0.1
+    saturation_penalty: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class TrainerConfig:
+    """Collection, logging and checkpoints.
+
+    Attributes:
+        schedule: `sweeps`: after each step of all environments a few updates that mix all robots. `rounds`: the
+            published order; an episode of every robot, then, robot by robot, updates from its own replay: as many for
+            each, and in all as many as counted steps.
+        num_envs: Environments a robot.
+        start_steps: Random environment steps, over all robots.
+        start_steps_per_robot: The same as steps a robot; the larger of the two holds.
+        updates_per_sweep: Updates after each step of all environments, of the schedule `sweeps`.
+        replay_capacity: Transitions kept, over all robots.
+        replay_dtype: How observations and actions are kept; `float16` takes half the memory.
+        normalize: Whether observations are standardised by running statistics.
+        observation: `fixed`, or `legacy` with the published code's defects.
+        sensors: Quantities that are observed, such as `position`, or `no_ltv`: all but `type`; none named: all.
+        evaluate_steps: Steps between two noise-free evaluations of the training and validation robots; 0 for none.
+        evaluate_episodes: Episodes a robot in such an evaluation.
+        precision: `bfloat16`, `float32`, or `auto` for what the processor is good at.
+        log_seconds: Seconds between two rows of metrics.
+        checkpoint_seconds: Seconds between two checkpoints.
+    """
+
+    schedule: Literal["sweeps", "rounds"] = "sweeps"
+    num_envs: int = 8
+    start_steps: int = 20_000
+    start_steps_per_robot: int = 0
+    updates_per_sweep: int = 4
+    replay_capacity: int = 2_000_000
+    replay_dtype: Literal["float32", "float16"] = "float32"
+    normalize: bool = True
+    observation: Literal["fixed", "legacy"] = "fixed"
+    sensors: tuple[str, ...] = ()
+    evaluate_steps: int = 0
+    evaluate_episodes: int = 10
+    precision: Literal["auto", "float32", "bfloat16"] = "auto"
+    log_seconds: float = 10.0
+    checkpoint_seconds: float = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class TrainConfig:
+    """All settings of a training run."""
+
+    text: TextConfig = field(default_factory=TextConfig)
+    model: ModelConfig = field(default_factory=ModelConfig)
+    td3: TD3Config = field(default_factory=TD3Config)
+    trainer: TrainerConfig = field(default_factory=TrainerConfig)
+
+    def to_dict(self) -> dict[str, dict[str, Any]]:
+        """Sections and their settings, as JSON and TOML can hold them."""
+        return dataclasses.asdict(self, dict_factory=lists_for_tuples)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any], *, origin: str) -> TrainConfig:
+        """Build from sections of settings.
+
+        Raises:
+            ConfigError: A section or key does not exist, or a value has the wrong type or range.
+        """
+        return build(cls, values, origin)
+
+
+def presets() -> tuple[str, ...]:
+    """Names of the presets that ship with morphkit_rl."""
+    folder = resources.files("morphkit_rl.config") / "presets"
+    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
+
+
+def load_config(preset: str | Path = "default", overrides: Sequence[str] = ()) -> TrainConfig:
+    """Read a preset and change single settings.
+
+    Args:
+        preset: Name of a shipped preset, or path of a TOML file.
+        overrides: Settings such as `td3.tau=0.01`; the value is TOML, or a bare word.
+
+    Raises:
+        UnknownNameError: There is no such preset.
+        ConfigError: The file is no TOML, or a setting does not exist or has an impossible value.
+    """
+    if str(preset) in presets():
+        origin = f"preset {preset}"
+        source = (resources.files("morphkit_rl.config") / "presets" / f"{preset}.toml").read_bytes()
+    elif Path(preset).suffix == ".toml" and Path(preset).is_file():
+        origin, source = str(preset), Path(preset).read_bytes()
+    else:
+        raise UnknownNameError(f"no preset {str(preset)!r} and no such .toml file; presets: {', '.join(presets())}")
+    try:
+        values: dict[str, Any] = tomllib.loads(source.decode())
+    except ValueError as error:
+        raise ConfigError(f"{origin}: not valid TOML: {error}") from None
+    for text in overrides:
+        override(values, text)
+    return TrainConfig.from_dict(values, origin=origin)

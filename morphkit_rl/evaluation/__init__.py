@@ -1,0 +1,1 @@
+"""What a policy is worth: episodes without noise, beside a random policy."""

@@ -1,0 +1,168 @@
+"""Noise-free returns of a policy beside a random one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from morphkit.description import Description
+from morphkit.errors import ConfigError
+from morphkit.morphology import Base
+from morphkit.simulation.build import Simulation
+from morphkit_rl.algorithms.policy import Policy
+from morphkit_rl.envs.batch_env import BatchEnv
+from morphkit_rl.envs.robot import Robot
+from morphkit_rl.evaluation.episodes import RobotReturns, mean_interval, normalised, play, random_controller
+from morphkit_rl.runs import run_settings
+
+
+@dataclass(frozen=True)
+class RobotResult(RobotReturns):
+    """Noise-free returns of a trained policy on one robot, beside those of a random one.
+
+    Attributes:
+        trained_on: Whether training saw the robot.
+        random_returns: Return of each episode with actions drawn uniformly from the control ranges.
+        diverged: Noise-free episodes that ended because the simulation diverged.
+    """
+
+    trained_on: bool
+    random_returns: tuple[float, ...]
+    diverged: int = 0
+
+    @property
+    def random_mean(self) -> float:
+        """Mean return of the random policy."""
+        return float(np.mean(self.random_returns))
+
+    @cached_property
+    def random_interval(self) -> tuple[float, float]:
+        """95 % percentile bootstrap interval of the random policy's mean return."""
+        return mean_interval(self.random_returns)
+
+    @property
+    def beats_random(self) -> bool:
+        """Whether the mean return lies above the random policy's interval."""
+        return self.mean > self.random_interval[1]
+
+    @property
+    def normalised(self) -> float | None:
+        """(return - random) / (expert - random); None where no expert return is known."""
+        return normalised(self.mean, self.random_mean, self.expert_return)
+
+
+def evaluate(
+    run: Path,
+    descriptions: Sequence[Description],
+    *,
+    episodes: int = 10,
+    seed: int = 0,
+    task: str | None = None,
+    base: Base | None = None,
+) -> list[RobotResult]:
+    """Run a trained policy on robots, seen or unseen.
+
+    Args:
+        run: The run folder.
+        descriptions: The robots.
+        episodes: Episodes a robot, for the policy and for the random one; each starts from a reset of its own.
+        seed: Seed of resets and of the random policy.
+        task: Name of the task; default: that of the run, which may be each robot's own.
+        base: How roots are attached to the world; default: as `task`.
+
+    Raises:
+        CheckpointError: The run has no whole checkpoint.
+        ConfigError: A robot has no actuators, `episodes` is less than 1, or `seed` is negative.
+    """
+    if episodes < 1:
+        raise ConfigError(f"episodes is {episodes}; expected at least 1")
+    if seed < 0:
+        raise ConfigError(f"seed is {seed}; expected a non-negative number")
+    policy = Policy.load(run)
+    robots = _prepare(run, policy, descriptions, task, base)
+    with single_thread():
+        return [_evaluate_one(policy, robot, episodes, seed) for robot in robots]
+
+
+def record(
+    run: Path,
+    description: Description,
+    *,
+    seed: int = 0,
+    max_steps: int = 500,
+    task: str | None = None,
+    base: Base | None = None,
+) -> tuple[Simulation, np.ndarray, float]:
+    """Play one noise-free episode for a video; task and base as in `evaluate`.
+
+    Returns:
+        The simulation, qpos (steps + 1, nq) of the episode, and its steps a second.
+    """
+    policy = Policy.load(run)
+    (robot,) = _prepare(run, policy, [description], task, base)
+    env = _single(policy, robot, 1, seed)
+    obs = env.reset()[0]
+    poses = [env.state(0)[0][0].copy()]
+    for _ in range(max_steps):
+        with single_thread():
+            step = env.step([policy.act(robot.spec, obs)])
+        if step.terminated[0][0] or step.truncated[0][0]:
+            break
+        poses.append(env.state(0)[0][0].copy())
+        obs = step.obs[0]
+    env.close()
+    rate = 1 / (robot.simulation.model.opt.timestep * robot.task.frame_skip)
+    return robot.simulation, np.stack(poses), float(rate)
+
+
+@contextmanager
+def single_thread() -> Iterator[None]:
+    """Run torch on one thread: for a handful of rows, waiting for a second one costs more than it gives."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+def _evaluate_one(policy: Policy, robot: Robot, episodes: int, seed: int) -> RobotResult:
+    env = _single(policy, robot, episodes, seed)
+    (returns,), (lengths,), (diverged,) = play(env, lambda obs: [policy.act(robot.spec, obs[0])])
+    env.seed(seed)
+    (random_returns,) = play(env, random_controller(env, seed)).returns
+    env.close()
+    return RobotResult(
+        robot=robot.name,
+        trained_on=robot.name in policy.trained_on,
+        returns=tuple(returns.tolist()),
+        random_returns=tuple(random_returns.tolist()),
+        lengths=tuple(lengths.tolist()),
+        expert_return=robot.simulation.description.info.expert_return,
+        diverged=diverged,
+    )
+
+
+def _prepare(
+    run: Path, policy: Policy, descriptions: Sequence[Description], task: str | None, base: Base | None
+) -> list[Robot]:
+    saved = run_settings.read(run)
+    task, base = task or saved.get("task"), base or saved.get("base")
+    robots = [
+        run_settings.prepare_robot(policy.config, description, task=task, base=base) for description in descriptions
+    ]
+    for robot in robots:
+        if not robot.spec.actuators:
+            raise ConfigError(f"{robot.name}: has no actuators, so there is nothing to control")
+    return robots
+
+
+def _single(policy: Policy, robot: Robot, num_envs: int, seed: int) -> BatchEnv:
+    observation = policy.config.trainer.observation
+    return BatchEnv([robot.simulation], [robot.task], num_envs, specs=[robot.spec], observation=observation, seed=seed)

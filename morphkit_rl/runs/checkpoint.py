@@ -1,0 +1,229 @@
+"""Run folders: crash-safe checkpoints without pickle.
+
+A checkpoint is a folder that is written under a temporary name and renamed when it is whole; `checkpoints/latest`
+names the newest. The replay is kept beside them, see `replay_files`.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import textwrap
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save_file
+from torch import nn
+
+from morphkit.errors import CheckpointError, OutputError
+from morphkit.utils.staging import require_text
+from morphkit_rl.runs.files import flush, write_text
+
+FORMAT_VERSION = 2
+_LATEST = "latest"
+
+
+def create_run(run: Path) -> None:
+    """Make the run folder.
+
+    Raises:
+        OutputError: It cannot be written, holds files already, or has a name that is no UTF-8 text.
+    """
+    require_text(run)
+    if run.exists() and (not run.is_dir() or any(run.iterdir())):
+        is_run = (run / "config.json").is_file()
+        hint = "continue it with --resume, or choose another folder" if is_run else "choose another folder"
+        raise OutputError(f"{run}: exists and is not empty; {hint}")
+    try:
+        (run / "checkpoints").mkdir(parents=True)
+        (run / "replay").mkdir()
+    except OSError as error:
+        raise OutputError(f"{run}: cannot make the run folder: {error.strerror}") from None
+
+
+@contextmanager
+def writing(run: Path) -> Iterator[None]:
+    """Around everything that writes a checkpoint of `run`.
+
+    Raises:
+        OutputError: The disk is full or the folder cannot be written.
+    """
+    try:
+        yield
+    except OSError as error:
+        left = "the last one is whole" if has_checkpoint(run) else "there is none yet"
+        raise OutputError(f"{run}: cannot write a checkpoint: {error.strerror or error}; {left}") from None
+
+
+def save(run: Path, tensors: Mapping[str, Mapping[str, np.ndarray]], state: Mapping[str, Any]) -> None:
+    """Write a checkpoint and make it the latest; older ones go, and replay segments that it does not need.
+
+    Args:
+        run: The run folder.
+        tensors: One safetensors file a name.
+        state: What JSON can hold; `real_steps` and `updates` name the checkpoint, `segments` lists its replay.
+
+    Raises:
+        OSError: The disk is full or the folder cannot be written; the previous checkpoint stays.
+    """
+    folder = run / "checkpoints"
+    name = f"step-{state['real_steps']:012d}-{state['updates']:010d}"
+    if has_checkpoint(run) and (folder / _LATEST).read_text().strip() == name:
+        name += "-again"  # the latest is only ever removed once another is whole
+    temporary = folder / f".{name}.tmp"
+    try:
+        shutil.rmtree(temporary, ignore_errors=True)
+        temporary.mkdir(parents=True)
+        for file, arrays in tensors.items():
+            save_arrays(temporary / f"{file}.safetensors", arrays)
+        sizes = {path.name: path.stat().st_size for path in sorted(temporary.iterdir())}
+        whole = {"format_version": FORMAT_VERSION, **state, "files": sizes}
+        write_text(temporary / "state.json", json.dumps(whole, indent=1))
+        final = folder / name
+        if final.exists():
+            shutil.rmtree(final)
+        temporary.rename(final)
+        write_text(folder / _LATEST, name + "\n")
+    except OSError:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
+    for old in folder.iterdir():
+        if old.is_dir() and old.name != name:
+            shutil.rmtree(old, ignore_errors=True)
+    for old in (run / "replay").iterdir():
+        if old.name not in {segment["file"] for segment in state["segments"]}:
+            old.unlink(missing_ok=True)
+
+
+def has_checkpoint(run: Path) -> bool:
+    """Whether `run` got as far as its first checkpoint."""
+    return (run / "checkpoints" / _LATEST).is_file()
+
+
+def load_state(run: Path) -> tuple[Path, dict[str, Any]]:
+    """Find the latest checkpoint and read its state.
+
+    Returns:
+        The checkpoint's folder and its `state.json`.
+
+    Raises:
+        CheckpointError: There is none, or it was cut short.
+    """
+    if not run.is_dir():
+        raise CheckpointError(f"{run}: no such run folder")
+    pointer = run / "checkpoints" / _LATEST
+    if not has_checkpoint(run):
+        hint = (
+            "the run was stopped before its first checkpoint" if (run / "config.json").is_file() else "not a run folder"
+        )
+        raise CheckpointError(f"{run}: holds no checkpoint ({hint})")
+    folder = run / "checkpoints" / pointer.read_text().strip()
+    try:
+        state = json.loads((folder / "state.json").read_text())
+        version, sizes = state["format_version"], state["files"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise CheckpointError(f"{folder / 'state.json'}: damaged or missing: {error}") from None
+    if version != FORMAT_VERSION:
+        raise CheckpointError(f"{folder}: format version {version}; this morphkit reads version {FORMAT_VERSION}")
+    for name, size in sizes.items():
+        path = folder / name
+        if not path.is_file() or path.stat().st_size != size:
+            found = f"{path.stat().st_size} bytes" if path.is_file() else "nothing"
+            raise CheckpointError(f"{path}: cut short: expected {size} bytes, found {found}")
+    return folder, state
+
+
+def segments(run: Path) -> list[dict[str, Any]]:
+    """The replay segments of the latest checkpoint; none before the first."""
+    return list(load_state(run)[1]["segments"]) if has_checkpoint(run) else []
+
+
+def check_method(folder: Path, state: Mapping[str, Any], method: str) -> None:
+    """Refuse the checkpoint of another method.
+
+    Raises:
+        CheckpointError: `state` is not of `method`.
+    """
+    if state.get("method") != method:
+        raise CheckpointError(f"{folder}: a checkpoint of method {state.get('method')!r}, but the run says {method!r}")
+
+
+def load_arrays(path: Path) -> dict[str, np.ndarray]:
+    """Read one safetensors file.
+
+    Raises:
+        CheckpointError: It is missing or damaged.
+    """
+    try:
+        return load_file(path)
+    except (OSError, SafetensorError) as error:
+        raise CheckpointError(f"{path}: damaged or missing: {error}") from None
+
+
+def module_arrays(networks: Mapping[str, nn.Module]) -> dict[str, np.ndarray]:
+    """Parameters of several networks under `network/parameter`."""
+    return {
+        f"{name}/{key}": value.detach().cpu().numpy()
+        for name, network in networks.items()
+        for key, value in network.state_dict().items()
+    }
+
+
+def load_modules(networks: Mapping[str, nn.Module], arrays: Mapping[str, np.ndarray], origin: Path) -> None:
+    """Fill networks from `module_arrays`.
+
+    Raises:
+        CheckpointError: The parameters are those of another network.
+    """
+    for name, network in networks.items():
+        prefix = f"{name}/"
+        part = {key[len(prefix) :]: torch.from_numpy(a) for key, a in arrays.items() if key.startswith(prefix)}
+        try:
+            network.load_state_dict(part)
+        except RuntimeError as error:
+            reason = textwrap.shorten(str(error), 300, placeholder=" ...")
+            raise CheckpointError(f"{origin}: made for another method or size: {reason}") from None
+
+
+def optimizer_arrays(optimizers: Mapping[str, torch.optim.Optimizer]) -> dict[str, np.ndarray]:
+    """State of several optimisers under `optimizer/parameter number/name`."""
+    return {
+        f"{name}/{number}/{key}": value.detach().cpu().numpy()
+        for name, optimizer in optimizers.items()
+        for number, state in optimizer.state_dict()["state"].items()
+        for key, value in state.items()
+    }
+
+
+def load_optimizers(optimizers: Mapping[str, torch.optim.Optimizer], arrays: Mapping[str, np.ndarray]) -> None:
+    """Fill optimisers from `optimizer_arrays`."""
+    for name, optimizer in optimizers.items():
+        whole = optimizer.state_dict()
+        state: dict[int, dict[str, torch.Tensor]] = {}
+        for key, array in arrays.items():
+            owner, number, field = key.split("/")
+            if owner == name:
+                state.setdefault(int(number), {})[field] = torch.from_numpy(array)
+        optimizer.load_state_dict({**whole, "state": state})
+
+
+def save_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write one safetensors file under a temporary name, flush it to disk and rename it.
+
+    Raises:
+        OSError: The disk is full or the folder cannot be written.
+    """
+    temporary = path.with_name(f".{path.name}.tmp")
+    try:
+        save_file({key: np.ascontiguousarray(array) for key, array in arrays.items()}, temporary)
+        flush(temporary)
+        temporary.replace(path)
+    except SafetensorError as error:
+        raise OSError(str(error)) from None
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,87 @@
+"""Metrics of a run: JSON lines for programs, TensorBoard events for people."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from morphkit.errors import OutputError
+from morphkit_rl.runs.files import write_text
+
+
+def read_metrics(run: Path) -> list[dict[str, Any]]:
+    """Rows of `metrics.jsonl`, oldest first; a last row that was cut short is left out."""
+    path = run / "metrics.jsonl"
+    rows: list[dict[str, Any]] = []
+    for line in path.read_text().splitlines() if path.is_file() else []:
+        try:
+            rows.append(json.loads(line))
+        except json.JSONDecodeError:
+            break
+    return rows
+
+
+class MetricsLog:
+    """Appends to `metrics.jsonl` and to TensorBoard events; rows from after the given moment are dropped first.
+
+    Args:
+        run: The run folder.
+        steps: Environment steps that the run starts from.
+        updates: Updates that the run starts from.
+    """
+
+    def __init__(self, run: Path, steps: int, updates: int):
+        from torch.utils.tensorboard import SummaryWriter
+
+        kept = [row for row in read_metrics(run) if row["steps"] <= steps and row["updates"] <= updates]
+        self._last = _moment(kept[-1]) if kept else None
+        self.path = run / "metrics.jsonl"
+        write_text(self.path, "".join(json.dumps(row) + "\n" for row in kept))
+        self.writer = SummaryWriter(str(run / "tensorboard"), purge_step=steps)
+
+    def write(self, row: Mapping[str, Any]) -> None:
+        """Append one row; numbers become TensorBoard scalars, `returns` and `evaluation` some a robot.
+
+        A row of the same steps and updates as the one before adds nothing, unless it holds an evaluation.
+
+        Raises:
+            OutputError: The disk is full or the folder cannot be written.
+        """
+        if _moment(row) == self._last and "evaluation" not in row:
+            return
+        self._last = _moment(row)
+        with self._named_errors():
+            self._append(row)
+
+    def close(self) -> None:
+        """Close the files; raises as `write`, for what was not written yet."""
+        with self._named_errors():
+            self.writer.close()
+
+    @contextmanager
+    def _named_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise OutputError(f"{self.path.parent}: cannot write metrics: {error.strerror or error}") from None
+
+    def _append(self, row: Mapping[str, Any]) -> None:
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+        for key, value in row.items():
+            if isinstance(value, int | float) and key != "steps":
+                self.writer.add_scalar(key, value, row["steps"])
+        for robot, value in row["returns"].items():
+            self.writer.add_scalar(f"return/{robot}", value, row["steps"])
+        for robot, result in row.get("evaluation", {}).items():
+            self.writer.add_scalar(f"evaluation/{robot}", result["mean"], row["steps"])
+            if result["score"] is not None:
+                self.writer.add_scalar(f"score/{robot}", result["score"], row["steps"])
+        self.writer.flush()
+
+
+def _moment(row: Mapping[str, Any]) -> tuple[int, int]:
+    return row["steps"], row["updates"]

@@ -1,0 +1,251 @@
+"""What stands in a run folder's `config.json`: robots, settings, budget and versions."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+import re
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from morphkit.description import Description, RobotInfo
+from morphkit.errors import CheckpointError, ConfigError, UnknownNameError
+from morphkit.morphology import Base
+from morphkit.tokens.spec import TokenSpec
+from morphkit_rl.config.train_config import TrainConfig
+from morphkit_rl.envs.robot import Robot, prepare
+from morphkit_rl.runs import checkpoint
+from morphkit_rl.text.encoder import TextEncoder
+
+PACKAGES = ("morphkit", "mujoco", "torch", "transformers", "numpy", "gymnasium")
+
+
+@dataclass(frozen=True, slots=True)
+class RunSettings:
+    """Everything that determines a run.
+
+    Attributes:
+        robots: The training robots.
+        validation: Robots that are evaluated as the training robots are, but not trained on.
+        hold_out: Names of robots that were kept away.
+        config: Settings of text encoder, networks, TD3 and trainer.
+        task: Name of the task; None: each robot's own.
+        base: How roots are attached to the world; None: each robot's own.
+        seed: Seed of everything random.
+        minutes: Budget of training time; None for none.
+        steps: Budget of environment steps over all robots; None for none.
+        device: Torch device of the learner.
+        threads: Torch threads; sums differ in the last digits with another number.
+    """
+
+    robots: tuple[Description, ...]
+    validation: tuple[Description, ...]
+    hold_out: tuple[str, ...]
+    config: TrainConfig
+    task: str | None
+    base: Base | None
+    seed: int
+    minutes: float | None
+    steps: int | None
+    device: str
+    threads: int
+
+    def __post_init__(self) -> None:
+        if not self.robots:
+            raise ConfigError("no robot is left to train on")
+        names = [robot.name for robot in (*self.robots, *self.validation)]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ConfigError(f"two robots are called {twice[0]!r}; each needs a name of its own")
+        if self.validation and not self.config.trainer.evaluate_steps:
+            raise ConfigError("validation robots are never evaluated; set trainer.evaluate_steps, such as to 50000")
+        for name, value in (("minutes", self.minutes), ("steps", self.steps)):
+            if value is not None and not 0 < value < float("inf"):
+                raise ConfigError(f"{name} is {value}; expected a positive number")
+        if not 0 <= self.seed < 2**63:
+            raise ConfigError(f"seed is {self.seed}; expected a non-negative number")
+
+
+def split(
+    descriptions: Sequence[Description], hold_out: Sequence[str], validation: Sequence[str]
+) -> tuple[list[Description], list[Description]]:
+    """The descriptions to train on, and those to validate on.
+
+    Raises:
+        UnknownNameError: A name in `hold_out` or `validation` is none of them.
+        ConfigError: A name is in both.
+    """
+    names = [description.name for description in descriptions]
+    for what, chosen in (("hold out", hold_out), ("validate on", validation)):
+        for name in chosen:
+            if name not in names:
+                near = difflib.get_close_matches(name, names, n=1)
+                hint = f"did you mean {near[0]!r}?" if near else f"there is {', '.join(names)}"
+                raise UnknownNameError(f"cannot {what} {name!r}: none of the robots is called so; {hint}")
+    both = sorted(set(hold_out) & set(validation))
+    if both:
+        raise ConfigError(f"{both[0]!r} is both held out and to be validated on; held-out robots are never evaluated")
+    return (
+        [description for description in descriptions if description.name not in {*hold_out, *validation}],
+        [description for description in descriptions if description.name in validation],
+    )
+
+
+def create(run: Path, settings: RunSettings) -> None:
+    """Make the run folder and write `config.json` and the robots' files.
+
+    Raises:
+        OutputError: The folder cannot be written or holds files.
+    """
+    checkpoint.create_run(run)
+    (run / "robots").mkdir()
+    for number, robot in enumerate((*settings.robots, *settings.validation)):
+        (run / "robots" / _source_file(number, robot)).write_bytes(robot.source)
+    versions = {name: metadata.version(name) for name in PACKAGES}
+    _write(run, settings, {"versions": versions, "git_commit": _git_commit()})
+
+
+def with_budget(run: Path, settings: RunSettings, minutes: float | None, steps: int | None) -> RunSettings:
+    """Give a run another budget, and write it down."""
+    changed = replace(settings, minutes=minutes, steps=steps)
+    saved = read(run)
+    _write(run, changed, {"versions": saved.get("versions"), "git_commit": saved.get("git_commit")})
+    return changed
+
+
+def read(run: Path) -> dict[str, Any]:
+    """Read `config.json`.
+
+    Raises:
+        CheckpointError: It is missing or damaged.
+    """
+    path = run / "config.json"
+    if not run.is_dir():
+        raise CheckpointError(f"{run}: no such run folder")
+    if not path.is_file():
+        raise CheckpointError(f"{run}: not a run folder: it has no config.json")
+    try:
+        saved: dict[str, Any] = json.loads(path.read_text())
+        saved["config"], saved["robots"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise CheckpointError(f"{path}: damaged: {error}") from None
+    return saved
+
+
+def load(run: Path) -> RunSettings:
+    """Settings of a run.
+
+    Raises:
+        CheckpointError: The run folder is missing or damaged.
+    """
+    saved = read(run)
+    try:
+        robots, validation = (
+            tuple(_robot_from_json(run, entry) for entry in saved.get(part, ())) for part in ("robots", "validation")
+        )
+        fields = {name: saved[name] for name in ("task", "base", "seed", "minutes", "steps", "device", "threads")}
+        config = TrainConfig.from_dict(saved["config"], origin=str(run / "config.json"))
+        hold_out = tuple(saved["hold_out"])
+        return RunSettings(robots=robots, validation=validation, hold_out=hold_out, config=config, **fields)
+    except (OSError, KeyError, TypeError) as error:
+        raise CheckpointError(f"{run / 'config.json'}: damaged: {error}") from None
+
+
+def prepare_robot(
+    config: TrainConfig, description: Description, *, task: str | None = None, base: Base | None = None
+) -> Robot:
+    """A robot with the tokens that `config` asks for; `task` and `base` default to the robot's own."""
+    return prepare(
+        description,
+        config.text.naming,
+        task=task,
+        base=base,
+        sensors=config.trainer.sensors,
+        limb_names=config.text.limb_names,
+        text_style=config.text.style,
+    )
+
+
+def make_encoder(config: TrainConfig) -> TextEncoder:
+    """The text encoder that `config` names."""
+    pooling = None if config.text.pooling == "default" else config.text.pooling
+    return TextEncoder(config.text.encoder, pooling=pooling)
+
+
+def texts_digest(specs: Sequence[TokenSpec]) -> str:
+    """SHA-256 over the token texts of all robots, in order."""
+    texts = [spec.texts for spec in specs]
+    return hashlib.sha256(json.dumps(texts).encode()).hexdigest()
+
+
+def _write(run: Path, settings: RunSettings, about: Mapping[str, Any]) -> None:
+    described = [_robot_to_json(*pair) for pair in enumerate((*settings.robots, *settings.validation))]
+    values = {
+        "robots": described[: len(settings.robots)],
+        "validation": described[len(settings.robots) :],
+        "hold_out": list(settings.hold_out),
+        "config": settings.config.to_dict(),
+        **{name: getattr(settings, name) for name in ("task", "base", "seed", "minutes", "steps", "device", "threads")},
+        **about,
+    }
+    checkpoint.write_text(run / "config.json", json.dumps(values, indent=2) + "\n")
+
+
+def _source_file(number: int, robot: Description) -> str:
+    """A file name that any file system takes; unique by the robot's number, whatever its name."""
+    words = re.sub(r"[^A-Za-z0-9_-]+", "-", robot.name)[:48].strip("-")
+    suffix = ".urdf" if robot.format == "urdf" else ".xml"
+    return f"{number:03d}-{words}{suffix}" if words else f"{number:03d}{suffix}"
+
+
+def _robot_to_json(number: int, robot: Description) -> dict[str, Any]:
+    return {
+        "name": robot.name,
+        "file": robot.file,
+        "source": _source_file(number, robot),
+        "format": robot.format,
+        "sha256": robot.sha256,
+        "folder": str(robot.folder) if robot.folder else None,
+        "packages": {name: str(folder) for name, folder in robot.packages.items()},
+        "root": robot.root,
+        "info": asdict(robot.info),
+    }
+
+
+def _robot_from_json(run: Path, entry: Mapping[str, Any]) -> Description:
+    info = dict(entry["info"])
+    info["type_words"] = tuple(tuple(words) for words in info["type_words"])
+    if info["healthy_height"] is not None:
+        info["healthy_height"] = tuple(info["healthy_height"])
+    robot = Description(
+        name=entry["name"],
+        file=entry["file"],
+        format=entry["format"],
+        source=(run / "robots" / entry["source"]).read_bytes(),
+        folder=Path(entry["folder"]) if entry["folder"] else None,
+        info=RobotInfo(**info),
+        root=entry["root"],
+        packages={name: Path(folder) for name, folder in entry.get("packages", {}).items()},
+    )
+    if robot.sha256 != entry["sha256"]:
+        raise CheckpointError(f"{run / 'robots' / entry['source']}: changed since the run began")
+    return robot
+
+
+def _git_commit(file: Path = Path(__file__)) -> str | None:
+    """Commit of the source tree that `file` is part of; None where there is none.
+
+    A package that was installed into somebody's checkout is no part of it: git must know the file.
+    """
+    git = ["git", "-C", str(file.parent)]
+    try:
+        for command in (["ls-files", "--error-unmatch", file.name], ["rev-parse", "HEAD"]):
+            done = subprocess.run([*git, *command], capture_output=True, text=True, check=True, timeout=10)
+        return done.stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return None

@@ -1,0 +1,136 @@
+"""Collection: the environments of all training robots, and the replay that they fill."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from morphkit.errors import TrainingError
+from morphkit_rl.algorithms.actions import ActionRows
+from morphkit_rl.buffers.replay_buffer import Ring
+from morphkit_rl.config.train_config import TrainerConfig
+from morphkit_rl.envs.batch_env import BatchEnv, Episode, Step
+from morphkit_rl.envs.robot import Robot
+from morphkit_rl.models.layout import Layout
+
+RECENT_EPISODES = 8
+
+
+class Collector:
+    """Steps all environments with action rows of a layout and stores what happened.
+
+    Args:
+        robots: The training robots.
+        layout: The same robots in rows.
+        config: Numbers of environments and of transitions, kind of observation.
+        seed: Seed of the start states.
+
+    Attributes:
+        obs: (environments a robot, tokens) the observations that the next step starts from.
+        rings: Replay of each robot.
+        steps: Environment steps over all robots that count for the budget.
+        real_steps: All environment steps.
+        episodes: Episodes that were reported.
+        recent: Returns of each robot's latest reported episodes.
+    """
+
+    def __init__(self, robots: Sequence[Robot], layout: Layout, config: TrainerConfig, seed: int):
+        self.robots, self.layout, self.num_envs = robots, layout, config.num_envs
+        self.env = BatchEnv(
+            [robot.simulation for robot in robots],
+            [robot.task for robot in robots],
+            config.num_envs,
+            specs=[robot.spec for robot in robots],
+            observation=config.observation,
+            seed=seed,
+        )
+        self._rows = ActionRows(layout)
+        widths = [
+            (tokens.stop - tokens.start, a.stop - a.start)
+            for tokens, a in zip(layout.tokens, layout.actions, strict=True)
+        ]
+        capacity = config.replay_capacity // len(robots)
+        self.rings = [Ring(*width, config.num_envs, capacity, config.replay_dtype) for width in widths]
+        self.steps = self.real_steps = self.episodes = 0
+        self.recent: list[deque[float]] = [deque(maxlen=RECENT_EPISODES) for _ in robots]
+        self.obs = np.zeros(0)
+
+    def reset(self, elapsed: np.ndarray | None = None) -> None:
+        """Start all episodes anew.
+
+        Args:
+            elapsed: (robots, environments) steps that count as done already, so that the first episodes are shorter.
+        """
+        self.obs = np.concatenate(self.env.reset(elapsed), axis=1)
+
+    def advance(self, action: np.ndarray) -> Step:
+        """Step every environment; `store` must follow.
+
+        Args:
+            action: (environments a robot, actions) in [-1, 1].
+
+        Raises:
+            TrainingError: The policy's actions are not finite.
+        """
+        if not np.isfinite(action).all():
+            raise TrainingError(
+                f"training diverged: actions are not finite after {self.steps} steps; try a smaller td3.learning_rate. "
+                "The last checkpoint is from before"
+            )
+        return self.env.step(self._rows.to_controls(action))
+
+    def store(self, action: np.ndarray, step: Step, *, cut: bool = False) -> None:
+        """Put what `advance` gave into the replay, and go on from there.
+
+        Args:
+            action: What was given to `advance`.
+            step: What it returned.
+            cut: Whether the episodes that still run stop here, so that all start anew.
+        """
+        for robot, ring in enumerate(self.rings):
+            ring.add(
+                obs=self.obs[:, self.layout.tokens[robot]],
+                action=action[:, self.layout.actions[robot]],
+                reward=step.reward[robot],
+                next_obs=step.final_obs[robot],
+                terminated=step.terminated[robot],
+                ended=step.terminated[robot] | step.truncated[robot] | cut,
+            )
+        self.real_steps += self.num_envs * len(self.robots)
+        self.obs = np.concatenate(step.obs, axis=1)
+        if cut:
+            self.reset()
+
+    def report(self, episode: Episode) -> None:
+        """Count an episode and remember its return."""
+        self.recent[episode.robot].append(float(episode.episode_return))
+        self.episodes += 1
+
+    def returns(self) -> dict[str, float]:
+        """Mean return of each robot's latest episodes, with exploration noise; robots without one are left out."""
+        pairs = zip(self.robots, self.recent, strict=True)
+        return {robot.name: float(np.mean(recent)) for robot, recent in pairs if recent}
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """State of the environments and their observations."""
+        return {**self.env.state_dict(), "trainer/obs": self.obs}
+
+    def state(self) -> dict[str, Any]:
+        """Counters and returns."""
+        return {
+            "steps": self.steps,
+            "real_steps": self.real_steps,
+            "episodes": self.episodes,
+            "recent": [list(recent) for recent in self.recent],
+        }
+
+    def restore(self, arrays: dict[str, np.ndarray], state: Mapping[str, Any]) -> None:
+        """Take over what `arrays` and `state` gave; the replay is filled separately."""
+        self.obs = arrays.pop("trainer/obs")
+        self.env.load_state_dict(arrays)
+        self.steps, self.real_steps, self.episodes = state["steps"], state["real_steps"], state["episodes"]
+        for recent, values in zip(self.recent, state["recent"], strict=True):
+            recent.extend(values)

@@ -1,0 +1,107 @@
+"""Everything of a training run that a checkpoint holds, put together from the run's settings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from morphkit.errors import CheckpointError, ConfigError
+from morphkit_rl.algorithms.agent import Agent
+from morphkit_rl.runs import checkpoint, replay_segments, run_settings
+from morphkit_rl.training.collector import Collector
+from morphkit_rl.training.periodic_evaluation import Monitor
+from morphkit_rl.training.schedules import make_schedule
+
+
+class Session:
+    """Agent, environments with their replay, schedule, evaluation and random generator of a run.
+
+    Between two calls of `schedule.advance` it can be saved, and a session that restores the checkpoint goes on exactly
+    as this one.
+
+    Args:
+        settings: The run.
+
+    Raises:
+        ConfigError: A robot has no actuators, or the method cannot express it.
+    """
+
+    def __init__(self, settings: run_settings.RunSettings):
+        config = settings.config
+        self.settings = settings
+        robots, validation = (
+            [run_settings.prepare_robot(config, d, task=settings.task, base=settings.base) for d in descriptions]
+            for descriptions in (settings.robots, settings.validation)
+        )
+        for robot in (*robots, *validation):
+            if not robot.spec.actuators:
+                raise ConfigError(
+                    f"{robot.name}: has no actuators, so there is nothing to learn; add motors or leave it out"
+                )
+        torch.manual_seed(settings.seed)
+        self.rng = np.random.default_rng([settings.seed, 1])
+        self.agent = Agent(config, [robot.spec for robot in robots], settings.device)
+        self.collector = Collector(robots, self.agent.robots.layout, config.trainer, settings.seed)
+        self.schedule = make_schedule(config, self.agent, self.collector, self.rng, settings.seed)
+        self.monitor = Monitor(self.agent, [*robots, *validation], config.trainer, settings.seed)
+        self.schedule.begin()
+
+    def save(self, run: Path, elapsed_s: float) -> None:
+        """Write a checkpoint from which `restore` continues exactly.
+
+        Args:
+            run: The run folder.
+            elapsed_s: Training time so far.
+
+        Raises:
+            OutputError: The disk is full or the folder cannot be written; the previous checkpoint stays.
+        """
+        rings = self.collector.rings
+        with checkpoint.writing(run):
+            state = {
+                "elapsed_s": elapsed_s,
+                "sweeps": rings[0].added,
+                "segments": replay_segments.save_segments(run, rings),
+                "rng": self.rng.bit_generator.state,
+                **self.agent.state(),
+                **self.collector.state(),
+                "schedule": {"name": self.settings.config.trainer.schedule, **self.schedule.state()},
+                "evaluation": self.monitor.state(),
+            }
+            environments = {**self.collector.arrays(), **replay_segments.newest_arrays(rings)}
+            checkpoint.save(run, {**self.agent.arrays(), "environments": environments}, state)
+
+    def restore(self, run: Path) -> float:
+        """Take over the latest checkpoint of `run`.
+
+        Returns:
+            Training time so far, s.
+
+        Raises:
+            CheckpointError: It is damaged, or belongs to other robots, another method, schedule or size.
+        """
+        folder, state = checkpoint.load_state(run)
+        try:
+            name = self.settings.config.trainer.schedule
+            if state["schedule"]["name"] != name:
+                raise CheckpointError(f"{folder}: of schedule {state['schedule']['name']!r}, but the run says {name!r}")
+            self.agent.restore(folder, state)
+            environments = checkpoint.load_arrays(folder / "environments.safetensors")
+            newest = {key: environments.pop(key) for key in list(environments) if key.endswith("/newest")}
+            self.collector.restore(environments, state)
+            replay_segments.load_segments(run, state["segments"], newest, self.collector.rings, state["sweeps"])
+            self.schedule.restore(state["schedule"])
+            self.monitor.restore(state["evaluation"])
+            self.rng.bit_generator.state = state["rng"]
+            return float(state["elapsed_s"])
+        except (KeyError, ValueError, ConfigError) as error:
+            if isinstance(error, CheckpointError):
+                raise
+            raise CheckpointError(f"{folder}: does not fit the run: {error}") from None
+
+    def close(self) -> None:
+        """Stop the threads of the environments."""
+        self.collector.env.close()
+        self.monitor.close()

@@ -1,0 +1,1 @@
+"""Robots, run folders and kinematic trees that several tests share."""

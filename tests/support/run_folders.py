@@ -1,0 +1,25 @@
+"""What tests read from run folders."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from morphkit_rl.runs import checkpoint
+
+FILES = ("policy", "learner", "optimizer", "environments")
+
+
+def weights(run: Path) -> dict[str, np.ndarray]:
+    """All arrays of the latest checkpoint of a run."""
+    folder, _ = checkpoint.load_state(run)
+    return {f"{f}/{k}": a for f in FILES for k, a in checkpoint.load_arrays(folder / f"{f}.safetensors").items()}
+
+
+def assert_same(one: Path, other: Path) -> None:
+    """The latest checkpoints of two runs hold the same numbers."""
+    a, b = weights(one), weights(other)
+    assert a.keys() == b.keys()
+    for key in a:
+        np.testing.assert_array_equal(a[key], b[key], err_msg=key)

@@ -1,0 +1,180 @@
+"""Names in plain words, and the patterns that pick limbs."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from morphkit.errors import UnknownNameError
+from morphkit.morphology import Joint, Limb, Morphology
+from morphkit.naming.limbs import canonical_joint_names, canonical_limb_names, limb_type, match_limbs, unique
+
+
+def robot(*limbs: Limb | str, type_words: tuple[tuple[str, ...], ...] = ()) -> Morphology:
+    made: list[Limb] = []
+    for i, limb in enumerate(limbs):
+        if isinstance(limb, str):
+            parent = made[0].name if made else None
+            joints = (Joint(f"{limb}_j", "hinge", True, -1.0, 1.0),) if i else ()
+            limb = Limb(limb, parent, joints, (limb,), limb_type(limb, type_words))
+        made.append(limb)
+    return Morphology("robot", "robot.xml", "mjcf", "0" * 64, "free", None, None, type_words, tuple(made), ())
+
+
+@pytest.mark.parametrize(
+    ("raw", "plain"),
+    [
+        ("torso", "torso"),
+        ("bthigh", "back thigh"),
+        ("bshin", "back shin"),
+        ("ffoot", "front foot"),
+        ("foot", "foot"),
+        ("right_upper_arm", "right upper arm"),
+        ("left_lower_arm", "left lower arm"),
+        ("FL_hip", "front left hip"),
+        ("FR_thigh", "front right thigh"),
+        ("RL_calf", "back left shin"),
+        ("LF_HFE", "front left hip flexion"),
+        ("RH_SHANK", "back right shin"),
+        ("left_hip_yaw_link", "left hip yaw"),
+        ("l_arm_elx", "left arm elbow x"),
+        ("l_uleg", "left thigh"),
+        ("r_larm", "right lower arm"),
+        ("wrist_1_link", "wrist 1"),
+        ("forearm_link", "lower arm"),
+        ("left_fore_arm", "left lower arm"),
+        ("fore_leg", "front leg"),
+        ("base_link", "base"),
+        ("thigh_l", "left thigh"),
+        ("FrontLeftUpperLeg", "front left thigh"),
+        ("rear_wheel", "back wheel"),
+        ("hip_r_2", "hip r 2"),
+        ("link3", "link 3"),
+        ("pole", "pole"),
+    ],
+)
+def test_plain_words(raw: str, plain: str) -> None:
+    assert canonical_limb_names(robot("root_of_it", raw), {})[raw] == plain
+
+
+def test_a_word_that_every_limb_shares_is_left_out() -> None:
+    names = canonical_limb_names(robot("panda_link0", "panda_link1", "panda_link2", "panda_hand"), {})
+    assert list(names.values()) == ["link 0", "link 1", "link 2", "hand"]
+
+
+def test_a_shared_side_or_segment_is_kept() -> None:
+    assert list(canonical_limb_names(robot("base", "left_hip", "left_knee"), {}).values()) == [
+        "base",
+        "left hip",
+        "left knee",
+    ]
+    assert list(canonical_limb_names(robot("base", "finger_1", "finger_2"), {}).values())[1:] == [
+        "finger 1",
+        "finger 2",
+    ]
+    assert list(canonical_limb_names(robot("base", "seg1", "seg2"), {}).values())[1:] == ["seg 1", "seg 2"]
+
+
+def test_given_names_come_first_and_are_not_taken_by_others() -> None:
+    names = canonical_limb_names(robot("torso", "shin", "leg"), {"leg": "shin", "left1": "left thigh"})
+    assert names["leg"] == "shin"
+    assert names["shin"] not in ("shin", "leg")
+    assert len(set(names.values())) == 3
+
+
+def test_canonical_names_are_unique() -> None:
+    names = canonical_limb_names(
+        robot("base", "FL_calf", "fl_shin", "FrontLeftShank", "front_left_shin", "LF_tibia"), {}
+    )
+    folded = [name.casefold() for name in names.values()]
+    assert len(set(folded)) == len(folded)
+    assert names["FL_calf"] == "front left shin"
+
+
+def test_cutting_a_limb_renames_no_other_where_the_source_table_is_given() -> None:
+    full = robot("base", "FL_calf", "fl_shin", "FL_shank")
+    table = canonical_limb_names(full, {})
+    cut = canonical_limb_names(robot("base", "fl_shin", "FL_shank"), table)
+    assert cut == {raw: table[raw] for raw in ("base", "fl_shin", "FL_shank")}
+
+
+def test_joint_words_leave_out_what_the_limb_says() -> None:
+    joints = tuple(Joint(f"right_hip_{axis}", "hinge", True, -1.0, 1.0) for axis in "xzy")
+    limb = Limb("right_thigh", "pelvis", joints, ("right_thigh",))
+    assert list(canonical_joint_names(limb, "right thigh").values()) == ["hip x", "hip z", "hip y"]
+
+
+def test_joint_words_stay_whole_where_nothing_else_would_be_left() -> None:
+    joints = (Joint("shoulder", "hinge", True, -1.0, 1.0), Joint("shoulder_lift", "hinge", True, -1.0, 1.0))
+    limb = Limb("shoulder", "base", joints, ("shoulder",))
+    assert list(canonical_joint_names(limb, "shoulder").values()) == ["shoulder", "shoulder lift"]
+
+
+def test_unique_numbers_what_an_uncased_encoder_cannot_tell_apart() -> None:
+    assert unique(["a_b", "A b", "a_b_2", "c"]) == ["a_b", "A b_2", "a_b_2_2", "c"]
+    assert unique(["x"], taken=["X"]) == ["x_2"]
+
+
+CHEETAH = ("torso", "bthigh", "bshin", "bfoot", "fthigh", "fshin", "ffoot")
+CHEETAH_TYPES = (("torso",), ("thigh",), ("shin",), ("foot",))
+
+
+@pytest.mark.parametrize(
+    ("pattern", "picked"),
+    [
+        ("bfoot", ["bfoot"]),
+        ("b*", ["bthigh", "bshin", "bfoot"]),
+        ("[bf]shin", ["bshin", "fshin"]),
+        ("foot", ["bfoot", "ffoot"]),
+    ],
+)
+def test_match_by_name_glob_and_type(pattern: str, picked: list[str]) -> None:
+    assert match_limbs(robot(*CHEETAH, type_words=CHEETAH_TYPES), pattern) == picked
+
+
+def test_a_name_goes_before_a_type() -> None:
+    hopper = robot(
+        "torso", "thigh", "leg", "lower_leg", "foot", type_words=(("torso",), ("thigh",), ("leg",), ("foot",))
+    )
+    assert match_limbs(hopper, "leg") == ["leg"]
+    assert match_limbs(hopper, "*leg") == ["leg", "lower_leg"]
+
+
+def test_any_word_of_a_type_group_picks_the_group() -> None:
+    quadruped = robot("trunk", "a_hip", "a_thigh", type_words=(("trunk",), ("hip", "thigh")))
+    assert match_limbs(quadruped, "thigh") == ["a_hip", "a_thigh"]
+
+
+def test_fixed_links_match_by_name_glob_and_type() -> None:
+    calf = Limb("FL_calf", "trunk", (Joint("j", "hinge", True, -1.0, 1.0),), ("FL_calf", "FL_foot"), "calf")
+    typed = robot("trunk", calf, type_words=(("calf",), ("foot",)))
+    untyped = robot("trunk", calf)
+    for quadruped in (typed, untyped):
+        assert match_limbs(quadruped, "FL_foot") == ["FL_foot"]
+        assert match_limbs(quadruped, "*_foot") == ["FL_foot"]
+        assert match_limbs(quadruped, "foot") == ["FL_foot"]
+
+
+def test_a_side_is_no_limb_type() -> None:
+    with pytest.raises(UnknownNameError):
+        match_limbs(robot("torso", "left_foot", "right_foot"), "left")
+
+
+def test_no_match_names_the_nearest_and_lists_the_limbs() -> None:
+    with pytest.raises(UnknownNameError, match=r"did you mean 'bfoot'\?(?s:.*)limbs: torso, bthigh, bshin"):
+        match_limbs(robot(*CHEETAH, type_words=CHEETAH_TYPES), "bfoott")
+
+
+def test_limb_type_takes_the_first_group_that_occurs() -> None:
+    assert limb_type("left2", (("torso",), ("1",), ("2",))) == "2"
+    assert limb_type("FL_Calf", (("calf",),)) == "calf"
+    assert limb_type("torso", (("hip",),)) is None
+
+
+def test_names_of_thousands_of_limbs_take_no_quadratic_time() -> None:
+    many = robot("base", *(f"leg_{i}" for i in range(5000)), *(f"Leg {i}" for i in range(5000)))
+    start = time.process_time()
+    names = canonical_limb_names(many, {})
+    assert time.process_time() - start < 10
+    assert len(set(names.values())) == len(names) == 10_001

@@ -1,0 +1,264 @@
+"""Compiled kernels against PyTorch's operations in float64, and what happens where they cannot be made."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import os
+import select
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import published_baselines as plain
+import pytest
+import torch
+from torch import Tensor, nn
+
+from morphkit_rl.kernels import library
+from morphkit_rl.models.smp import MLP, Widths
+from morphkit_rl.models.transformer import EncoderLayer, Norm, read_tokens
+from tests.support.published_networks import assert_same_networks, random_parents
+
+ERRORS = {torch.float32: 2e-6, torch.bfloat16: 0.1}
+KINDS = {"": (torch.float32, torch.bfloat16), " -mno-avx512f": (torch.float32,)}
+"""Options of the compiler, the second for narrower vectors than most servers have, and the precisions to test."""
+load = library.load
+compiled = pytest.mark.skipif(load() is None, reason="no C++ compiler, or a processor without AVX2")
+
+
+@pytest.fixture(params=[1, 3], ids="{}-threads".format)
+def threads(request: pytest.FixtureRequest) -> Iterator[int]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(request.param)
+    yield request.param
+    torch.set_num_threads(before)
+
+
+@functools.cache
+def made_with(options: str) -> ctypes.CDLL | None:
+    """Kernels compiled with these options, once for all tests even where nothing can be kept."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CXX", os.environ.get("CXX", "g++") + options)
+        return load.__wrapped__()
+
+
+@pytest.fixture(params=[(options, dtype) for options, dtypes in KINDS.items() for dtype in dtypes], ids=str)
+def precision(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[torch.dtype]:
+    options, dtype = request.param
+    if options:
+        monkeypatch.setattr(library, "load", functools.partial(made_with, options))
+    library.function.cache_clear()
+    if library.function("layer_forward", dtype) is None:
+        pytest.skip(f"a processor without {dtype}")
+    yield dtype
+    library.function.cache_clear()
+
+
+def spans(lengths: tuple[int, ...]) -> list[slice]:
+    ends = np.cumsum(lengths).tolist()
+    return [slice(end - length, end) for end, length in zip(ends, lengths, strict=True)]
+
+
+def assert_exact(
+    operation: str, network: nn.Module, double: nn.Module, compute: Callable[..., Tensor], inputs: list[Tensor],
+    precision: torch.dtype,
+) -> None:  # fmt: skip
+    """One kernel does it; output and gradients are those of float64, and the same every time."""
+    for parameter in network.parameters():
+        parameter.data += 0.1 * torch.randn_like(parameter)
+    double.load_state_dict(network.state_dict())
+    found = []
+    for own, dtype in ((network, inputs[0].dtype), (network, inputs[0].dtype), (double.double(), torch.float64)):
+        given = [x.detach().to(dtype, copy=True).requires_grad_() for x in inputs]
+        out = compute(own, *given)
+        assert (out.grad_fn.name() == f"{operation}Backward") is (dtype != torch.float64)
+        columns = out.shape[::-1]  # A gradient that does not lie row by row.
+        weight = (
+            torch.arange(out.numel(), dtype=torch.float64)
+            .sin()
+            .view(columns)
+            .to(out.dtype)
+            .permute(*reversed(range(out.dim())))
+        )
+        found.append([out.detach(), *torch.autograd.grad(out, [*given, *own.parameters()], weight)])
+        with torch.no_grad():
+            torch.testing.assert_close(compute(own, *given), out, atol=0, rtol=0)
+    for first, second, exact in zip(*found, strict=True):
+        assert torch.equal(first, second)
+        assert (first - exact).norm() <= ERRORS[precision] * exact.norm()
+
+
+@compiled
+@pytest.mark.parametrize(
+    ("members", "batch", "robots", "d_model", "heads", "hidden"),
+    [(1, 1, (133,), 128, 2, 256), (2, 20, (7,), 128, 2, 256), (2, 5, (7, 5, 1), 64, 4, 48), (1, 1, (2,), 16, 1, 16),
+     (2, 2, (150, 3), 48, 3, 80)],
+)  # fmt: skip
+def test_encoder_layers(
+    members: int, batch: int, robots: tuple[int, ...], d_model: int, heads: int, hidden: int, precision: torch.dtype,
+    threads: int,
+) -> None:  # fmt: skip
+    torch.manual_seed(0)
+    layer, double = (EncoderLayer(members, d_model, heads, hidden) for _ in range(2))
+    x = torch.randn(members, batch, sum(robots), d_model).to(precision)
+    assert_exact("_EncoderLayer", layer, double, lambda own, x: own(x, spans(robots)), [x], precision)
+
+
+@compiled
+@pytest.mark.parametrize(
+    ("batch", "heads", "queries", "tokens", "d_model"),
+    [(3, 2, (7,), (133,), 128), (2, 1, (3, 1), (20, 17), 32), (1, 3, (1,), (1,), 16)],
+)
+def test_reading_of_tokens(
+    batch: int, heads: int, queries: tuple[int, ...], tokens: tuple[int, ...], d_model: int, precision: torch.dtype,
+    threads: int,
+) -> None:  # fmt: skip
+    torch.manual_seed(0)
+    probes = 0.3 * torch.randn(batch, heads, sum(queries), d_model)
+    memory = torch.randn(batch, sum(tokens), d_model)
+    assert_exact(
+        "_Read", nn.Module(), nn.Module(), lambda _, p, m: read_tokens(p, m, spans(queries), spans(tokens)),
+        [probes.to(precision), memory.to(precision)], precision,
+    )  # fmt: skip
+
+
+@compiled
+@pytest.mark.parametrize("shape", [(1, 3, 133, 128), (2, 5, 7, 32), (1, 1, 16)])
+def test_norms(shape: tuple[int, ...], precision: torch.dtype, threads: int) -> None:
+    torch.manual_seed(0)
+    network, double = (Norm(shape[0], shape[-1]) for _ in range(2))
+    assert_exact(
+        "_Norm", network, double, lambda own, x: own(x), [(3 * torch.randn(shape) + 1).to(precision)], precision
+    )
+
+
+@compiled
+@pytest.mark.parametrize(
+    ("members", "rows", "shared", "inputs", "outputs", "widths"),
+    [(2, 700, True, 65, 1, (64, 400, 300)), (2, 5, False, 3, 2, (1, 7, 19)), (1, 97, False, 16, 17, (1, 16, 32))],
+)
+def test_perceptrons(
+    members: int, rows: int, shared: bool, inputs: int, outputs: int, widths: tuple[int, int, int],
+    precision: torch.dtype, threads: int,
+) -> None:  # fmt: skip
+    torch.manual_seed(0)
+    network, double = (MLP(members, inputs, outputs, Widths(*widths)) for _ in range(2))
+    network.precision, double.precision = precision, torch.float64
+    x = torch.randn(1 if shared else members, rows, inputs)
+    assert_exact("_MLP", network, double, lambda own, x: own(x.expand(members, -1, -1)), [x], precision)
+
+
+@compiled
+def test_what_needs_no_gradient_gets_none_and_changes_no_other() -> None:
+    torch.manual_seed(0)
+    layer, x = EncoderLayer(2, 32, 2, 16), torch.randn(1, 3, 4, 32, requires_grad=True)
+    (whole,) = torch.autograd.grad(layer(x, spans((4,))).square().sum(), x)
+    grads = torch.autograd.grad(layer(x, spans((4,))).square().sum(), list(layer.parameters()))
+    assert all(gradient[0].any() and not gradient[1].any() for gradient in grads)  # One of two members was used.
+    layer.requires_grad_(False)
+    (alone,) = torch.autograd.grad(layer(x, spans((4,))).square().sum(), x)
+    assert torch.equal(whole, alone)
+
+
+@compiled
+def test_sizes_that_the_kernels_cannot_do_go_the_other_way() -> None:
+    for layer, x, own in (
+        (EncoderLayer(1, 24, 2, 16), torch.randn(1, 2, 4, 24), spans((4,))),
+        (EncoderLayer(1, 32, 2, 20), torch.randn(1, 2, 4, 32), spans((4,))),
+        (EncoderLayer(1, 32, 2, 16).double(), torch.randn(1, 2, 4, 32).double(), spans((4,))),
+    ):
+        assert layer(x, own).grad_fn.name() != "_EncoderLayerBackward"
+
+
+@compiled
+@pytest.mark.parametrize("seed", range(2))
+def test_published_networks_whose_layers_the_kernels_do(seed: int) -> None:
+    torch.manual_seed(seed)
+    rng = np.random.default_rng(seed)
+    heads, limbs, scalars = int(rng.integers(1, 4)), int(rng.integers(2, 8)), int(rng.integers(1, 12))
+    sizes = (16 * heads, heads, 16 * int(rng.integers(1, 4)), int(rng.integers(1, 4)))
+    parents = random_parents(rng, limbs, 3)
+    for method, actor in (
+        ("anymorph", plain.TokenActor(limbs, scalars, 5, 8, *sizes)),
+        ("amorpheus", plain.LimbActor(limbs, scalars, *sizes)),
+    ):
+        assert_same_networks(method, actor, plain.LimbCritic(limbs, scalars, *sizes), parents, scalars, heads)
+
+
+@pytest.fixture
+def suited(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A processor that kernels could be made for, and a cache without them."""
+    monkeypatch.setattr(library, "_suits_processor", lambda: True)
+    monkeypatch.setenv("MORPHKIT_CACHE", str(tmp_path / "cache"))
+    monkeypatch.delenv(library.SWITCH, raising=False)
+    return tmp_path
+
+
+def compiler(folder: Path, script: str) -> str:
+    file = folder / "compiler"
+    file.write_text(f"#!/bin/sh\n{script}\n")
+    file.chmod(0o755)
+    return str(file)
+
+
+@pytest.mark.parametrize(
+    "script", ["exit 1", "sleep 60", "exit 0", 'for a; do last=$a; done; echo no library > "$last"']
+)
+def test_a_compiler_that_does_not_work_costs_the_speed_only(
+    script: str, suited: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(library, "_TIMEOUT_S", 0.5)
+    monkeypatch.setenv("CXX", compiler(suited, script))
+    assert load.__wrapped__() is None
+    assert not list(suited.glob("cache/kernels-*/*"))
+
+
+def test_a_compiler_that_hangs_is_ended_with_what_it_started(suited: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    alive, held = os.pipe()
+    monkeypatch.setattr(library, "_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(library.subprocess, "Popen", functools.partial(subprocess.Popen, pass_fds=[held]))
+    monkeypatch.setenv("CXX", compiler(suited, "sleep 600 & wait"))
+    assert library.load.__wrapped__() is None
+    os.close(held)
+    assert select.select([alive], [], [], 100)[0]  # All that held the pipe have gone.
+    os.close(alive)
+
+
+def test_without_a_compiler_or_where_switched_off_there_are_no_kernels(
+    suited: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CXX", str(suited / "missing"))
+    assert load.__wrapped__() is None
+    monkeypatch.setenv("CXX", compiler(suited, f"touch {suited}/called"))
+    monkeypatch.setenv(library.SWITCH, "0")
+    assert load.__wrapped__() is None
+    assert not (suited / "called").exists()
+    assert not (suited / "cache").exists()
+
+
+@compiled
+def test_kernels_are_made_once_and_anew_where_the_cache_cannot_be_used(
+    suited: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(library, "_SOURCES", ("small.cpp",))
+    monkeypatch.setattr(library, "_HEADERS", ())
+    monkeypatch.setattr(library.resources, "files", lambda package: suited)
+    (suited / "small.cpp").write_text('extern "C" { int answer() { return 42; } }')
+    monkeypatch.setenv("CXX", compiler(suited, f'echo >> {suited}/calls; exec {os.environ.get("CXX", "c++")} "$@"'))
+    for _ in range(2):
+        library_ = load.__wrapped__()
+        assert library_ is not None
+        assert library_.answer() == 42
+    assert len((suited / "calls").read_text().splitlines()) == 2  # compiled and linked
+    (made,) = (suited / "cache").iterdir()
+    made.unlink()
+    made.write_text("damaged")
+    again = load.__wrapped__()
+    assert again is not None
+    assert again.answer() == 42
+    monkeypatch.setenv("MORPHKIT_CACHE", str(suited / "calls" / "under-a-file"))
+    again = load.__wrapped__()
+    assert again is not None
+    assert again.answer() == 42
