@@ -72,7 +72,7 @@ class Tally:
 
 def matches(cutter: Cutter, wish: Mapping[str, Sequence[str]], *, mirror: bool) -> str:
     """A line for each pattern: what it matched, and with `mirror` what came along from the other side."""
-    from morphkit.naming.limbs import match_limbs
+    from morphkit.naming.patterns import match_limbs
 
     lines = []
     for verb, patterns in wish.items():

@@ -71,11 +71,11 @@ def tokens(
     from morphkit.readers import read
     from morphkit.tokens.declared_sensors import without_scalars
     from morphkit.tokens.selection import take_quantities
-    from morphkit.tokens.spec import tokens as make_tokens
+    from morphkit.tokens.spec import token_spec
 
     (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg)
     morphology = read(description)
-    spec = make_tokens(
+    spec = token_spec(
         morphology,
         naming=naming,
         limb_names=limb_names,

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from morphkit.readers import read
     from morphkit.registry import load, load_all, recipes, shipped
     from morphkit.tokens.spec import ActuatorToken, SensorToken, TokenSpec
-    from morphkit.tokens.spec import tokens as token_spec
+    from morphkit.tokens.spec import token_spec as token_spec
 
 _MODULES = {
     "morphkit.ablation.ablate": ("Loss", "Variant", "ablate"),

@@ -10,8 +10,8 @@ from types import MappingProxyType
 
 from morphkit.description import Description, RobotInfo
 from morphkit.errors import ConfigError, DescriptionError, MorphkitError, UnknownNameError
-from morphkit.naming.limbs import did_you_mean
 from morphkit.robot_toml import FILE_NAME, Recipe, RobotToml, read_robot_toml
+from morphkit.utils.suggest import did_you_mean
 
 MANIFEST = "manifest.json"
 _SUFFIXES = (".urdf", ".xml")

@@ -11,7 +11,7 @@ from typing import Any, get_args
 from morphkit.description import RobotInfo
 from morphkit.errors import DescriptionError
 from morphkit.morphology import Base
-from morphkit.naming.limbs import did_you_mean
+from morphkit.utils.suggest import did_you_mean
 
 FILE_NAME = "robot.toml"
 

@@ -19,7 +19,7 @@ import torch
 
 from morphkit.readers import read
 from morphkit.registry import load
-from morphkit.tokens.spec import TokenSpec, tokens
+from morphkit.tokens.spec import TokenSpec, token_spec
 from morphkit_rl.algorithms.td3 import TD3, resolve_precision
 from morphkit_rl.buffers.replay_buffer import Batch
 from morphkit_rl.config.train_config import load_config
@@ -82,7 +82,7 @@ def main() -> None:
 
 def _spec(name: str, naming: str) -> TokenSpec:
     description = load(name)
-    return tokens(read(description), naming=naming, canonical=description.info.canonical)
+    return token_spec(read(description), naming=naming, canonical=description.info.canonical)
 
 
 def _batch(layout: Layout, size: int) -> Batch:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from morphkit.ablation.symmetry import with_counterparts
 from morphkit.errors import AblationError
 from morphkit.morphology import Morphology
-from morphkit.naming.limbs import match_limbs
+from morphkit.naming.patterns import match_limbs
 
 UNSAFE = re.compile(r"[^A-Za-z0-9_.+-]+")
 """What has no place in the name of a variant or of its file."""

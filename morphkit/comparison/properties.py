@@ -15,7 +15,7 @@ from morphkit.morphology import Actuator, Morphology
 from morphkit.readers.urdf import drive_limits
 from morphkit.simulation.inspection_model import JOINT_KINDS, Mechanics, couplings, load_mechanics
 from morphkit.simulation.limb_inertia import limb_masses
-from morphkit.tokens.spec import TokenSpec, tokens
+from morphkit.tokens.spec import TokenSpec, token_spec
 
 Value = str | float | tuple[float, ...] | tuple[str, ...] | None
 Table = dict[str, dict[str, Value]]
@@ -84,7 +84,7 @@ def gather(description: Description) -> Facts:
     robot: dict[str, Value] = {"base": morphology.base, "family": morphology.family, "task": morphology.task}
     if description.format == "mjcf":
         robot["start height"] = float(mechanics.model.body_pos[mechanics.root, 2])
-    spec = tokens(morphology, sensors="all")
+    spec = token_spec(morphology, sensors="all")
     return Facts(
         morphology=morphology,
         robot={"": robot},

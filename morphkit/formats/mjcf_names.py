@@ -9,7 +9,7 @@ import mujoco
 
 from morphkit.formats.mjcf_locations import Places
 from morphkit.morphology import Origin
-from morphkit.readers.common import Names, give_names
+from morphkit.naming.unique import TakenNames, give_names
 
 Row = tuple[str | None, int | None, str | None]
 """Of a body: its name, the index of its parent among the rows, and the name of its first joint that has one."""
@@ -23,7 +23,7 @@ def body_names(rows: Sequence[Row]) -> list[str]:
     A body without a name is called `<joint>_body` after its first joint that has one, else `<parent>_body`; a number is
     added where that is taken. So the name does not depend on what hangs elsewhere in the robot.
     """
-    names = Names(name for name, _, _ in rows if name)
+    names = TakenNames(name for name, _, _ in rows if name)
     found: list[str] = []
     for name, parent, joint in rows:
         above = _WORLD if parent is None else found[parent]

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection, Sequence
 from typing import Any
 from xml.parsers import expat
 from xml.sax.saxutils import escape
 
-from morphkit.formats.source_words import without_words
 from morphkit.formats.xml import parse, serialize
 
 _ATTRIBUTE = re.compile(r"""(\s+)([^\s=<>"'/]+)(\s*=\s*)("[^"]*"|'[^']*')""")
 Span = tuple[int, int, int, int]
 """Byte offsets of an element: start tag from, to; end tag from, to."""
+_WORD = re.compile(r"(\s*)(\S+)")
 _START_TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*+"|'[^']*+')*+>""")
 _ASCII_BASED = {"utf-8", "us-ascii", "ascii", "iso-8859-1", "latin-1"}
 
@@ -125,7 +126,7 @@ def _edit_attributes(start: str, before: dict[str, str], wanted: dict[str, str])
         value = left.pop(name)
         if value == before.get(name):
             return match.group()
-        return f"{space}{name}{equals}{without_words(quoted, value) or _quote(value)}"
+        return f"{space}{name}{equals}{_without_words(quoted, value) or _quote(value)}"
 
     edited = _ATTRIBUTE.sub(replace, start)
     end = len(edited.rstrip())
@@ -166,3 +167,49 @@ def _tag_end(source: bytes, begin: int) -> int:
     if match is None:
         raise ValueError("a start tag without its end")  # the parser has accepted the file, so this cannot be
     return match.end()
+
+
+def _without_words(quoted: str, value: str) -> str:
+    """The attribute `quoted` over its lines as it is, without the words that `value` lacks; empty where it has others.
+
+    Parsers hand out line breaks in attributes as spaces.
+    """
+    written = quoted[1:-1]
+    words = _WORD.findall(written)
+    line_starts = {number for number, (space, _) in enumerate(words) if "\n" in space}
+    left = _words_left([word for _, word in words], value.split(), line_starts)
+    if "\n" not in written or "&" in written or not left:
+        return ""
+    kept, line_break = "", ""
+    for number, (space, word) in enumerate(words):
+        if "\n" in space:
+            line_break = space
+        if number in left:
+            kept += (line_break or space) + word
+            line_break = ""
+    return quoted[0] + kept + written[len(written.rstrip()) :] + quoted[-1]
+
+
+def _words_left(words: Sequence[str], wanted: Sequence[str], line_starts: Collection[int]) -> set[int]:
+    """Which of `words` are left where `wanted` are; none where those are others.
+
+    Among equal words it cannot be told. What a limb takes along mostly stands together, and mostly from the start of a
+    line.
+    """
+    gone = len(words) - len(wanted)
+    head = _words_alike(words, wanted)
+    tail = _words_alike(words[::-1], wanted[::-1])
+    if gone > 0 and head + tail >= len(wanted):
+        at = max((place for place in range(len(wanted) - tail, head + 1) if place in line_starts), default=head)
+        return {*range(at), *range(at + gone, len(words))}
+    left: set[int] = set()
+    for number, word in enumerate(words):
+        if len(left) < len(wanted) and word == wanted[len(left)]:
+            left.add(number)
+    return left if len(left) == len(wanted) else set()
+
+
+def _words_alike(words: Sequence[str], others: Sequence[str]) -> int:
+    """How many words from the start on are the same."""
+    pairs = enumerate(zip(words, others, strict=False))
+    return next((number for number, (one, other) in pairs if one != other), min(len(words), len(others)))

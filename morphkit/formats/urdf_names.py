@@ -9,7 +9,7 @@ from lxml import etree
 
 from morphkit.errors import DescriptionError
 from morphkit.morphology import Origin
-from morphkit.readers.common import give_names
+from morphkit.naming.unique import give_names
 
 Given = list[tuple[etree._Element, Origin]]
 

@@ -17,7 +17,7 @@ from types import MappingProxyType
 
 from morphkit.errors import ConfigError, DependencyError, DescriptionError, UnknownNameError
 from morphkit.formats import xml
-from morphkit.readers.common import nearest
+from morphkit.utils.suggest import did_you_mean
 
 LIMIT_S = 30
 LIMIT_BYTES = 2 * 1024**3
@@ -123,7 +123,7 @@ def _refuse_unknown(arguments: Iterable[str], known: Mapping[str, str]) -> None:
     for name in arguments:
         if name not in known:
             has = f"its arguments: {listed}" if listed else "it has none"
-            raise _UnknownArgumentError(f"has no argument {name!r}{nearest(name, known)} ({has})")
+            raise _UnknownArgumentError(f"has no argument {name!r}{did_you_mean(name, known)} ({has})")
 
 
 def _limit_resources() -> None:

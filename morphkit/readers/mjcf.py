@@ -21,7 +21,7 @@ from morphkit.formats.mjcf_names import name_with_origins
 from morphkit.formats.resolve import flatten_includes
 from morphkit.morphology import Actuator, Base, Joint, JointKind, Limb, Morphology, Origin
 from morphkit.naming.limbs import numbered_labels
-from morphkit.readers.common import choose_root, limb_type
+from morphkit.readers.common import choose_root, type_of
 from morphkit.readers.mjcf_actuators import Where, is_limited, joint_range, read_actuators
 from morphkit.readers.mjcf_sensors import read_sensors
 
@@ -64,7 +64,7 @@ def read_mjcf(description: Description) -> Morphology:
     limbs = []
     for name, parent in parents.items():
         joints = () if parent is None else tuple(_joint(spec, joint) for joint in joints_of[name])
-        kind = limb_type(info, name, [joint.name for joint in joints])
+        kind = type_of(info, name, [joint.name for joint in joints])
         limbs.append(Limb(name=name, parent=parent, joints=joints, members=tuple(members[name]), type=kind))
     actuators, driven_by = read_actuators(spec, limb_of, where)
     return Morphology(

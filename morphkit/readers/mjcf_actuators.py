@@ -10,8 +10,8 @@ import mujoco
 
 from morphkit.errors import DescriptionError
 from morphkit.morphology import Actuator
-from morphkit.readers.common import nearest
 from morphkit.readers.mjcf_transmissions import UNITS, along, driven, quantity
+from morphkit.utils.suggest import did_you_mean
 
 Where = Callable[[str, str], str]
 _TRN = mujoco.mjtTrn
@@ -79,7 +79,7 @@ def _target(spec: mujoco.MjSpec, actuator: Any, where: Where) -> tuple[Any | Non
         _TRN.mjTRN_SITE: ("site", spec.sites),
         _TRN.mjTRN_SLIDERCRANK: ("site", spec.sites),
     }.get(kind, ("joint", spec.joints))
-    hint = nearest(name, [element.name for element in known])
+    hint = did_you_mean(name, [element.name for element in known])
     raise DescriptionError(
         f"{where('actuator', actuator.name)}: actuator {actuator.name!r} drives {what} {name!r}, which does not"
         f" exist{hint}"

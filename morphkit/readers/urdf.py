@@ -17,7 +17,8 @@ from morphkit.formats.limits import check_count
 from morphkit.formats.urdf_names import name_elements
 from morphkit.morphology import Actuator, Base, Joint, JointKind, Limb, Morphology, Origin
 from morphkit.naming.limbs import numbered_labels
-from morphkit.readers.common import choose_root, give_names, limb_type
+from morphkit.naming.unique import give_names
+from morphkit.readers.common import choose_root, type_of
 from morphkit.readers.urdf_sensors import read_sensors
 from morphkit.readers.urdf_structure import check_urdf
 
@@ -164,7 +165,7 @@ def _limbs(
             parent=parent,
             joints=joints[name],
             members=tuple(members[name]),
-            type=limb_type(info, name, [joint.name for joint in joints[name]]),
+            type=type_of(info, name, [joint.name for joint in joints[name]]),
         )
         for name, parent in parents.items()
     )

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from lxml import etree
 
 from morphkit.morphology import Origin, Reading, Sensor
-from morphkit.readers.common import give_names
+from morphkit.naming.unique import give_names
 
 _PLACING = ("parent", "origin")
 _AXES = ("x", "y", "z")

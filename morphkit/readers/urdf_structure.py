@@ -7,7 +7,7 @@ import math
 from lxml import etree
 
 from morphkit.errors import DescriptionError
-from morphkit.readers.common import nearest
+from morphkit.utils.suggest import did_you_mean
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
 _NUMBERS = {
@@ -61,7 +61,7 @@ def check_urdf(tree: etree._ElementTree, *, file: str) -> tuple[str, ...]:
         if kind not in JOINT_TYPES:
             raise DescriptionError(
                 f"{file}:{joint.sourceline}: joint {name!r} has type {kind!r}, expected one of"
-                f" {', '.join(JOINT_TYPES)}{nearest(kind or '', JOINT_TYPES)}"
+                f" {', '.join(JOINT_TYPES)}{did_you_mean(kind or '', JOINT_TYPES)}"
             )
         parent = _end(joint, "parent", links, file)
         child = _end(joint, "child", links, file)
@@ -81,14 +81,14 @@ def check_urdf(tree: etree._ElementTree, *, file: str) -> tuple[str, ...]:
             if mimic.get("joint") not in joints:
                 raise DescriptionError(
                     f"{file}:{mimic.sourceline}: joint {name!r} mimics joint {mimic.get('joint')!r}, which does not"
-                    f" exist{nearest(mimic.get('joint') or '', joints)}"
+                    f" exist{did_you_mean(mimic.get('joint') or '', joints)}"
                 )
     for transmission in root.iterchildren("transmission"):
         for element in transmission.iterchildren("joint"):
             if element.get("name") not in joints:
                 raise DescriptionError(
                     f"{file}:{element.sourceline}: transmission {transmission.get('name')!r} drives joint"
-                    f" {element.get('name')!r}, which does not exist{nearest(element.get('name') or '', joints)}"
+                    f" {element.get('name')!r}, which does not exist{did_you_mean(element.get('name') or '', joints)}"
                 )
     return tuple(name for name in links if name not in parent_of)
 
@@ -104,7 +104,7 @@ def _end(joint: etree._Element, tag: str, links: dict[str, etree._Element], file
     if link not in links:
         raise DescriptionError(
             f"{file}:{element.sourceline}: {tag} link {link!r} of joint {name!r} does not exist; add"
-            f' <link name="{link}"/> or correct the name{nearest(link, links)}'
+            f' <link name="{link}"/> or correct the name{did_you_mean(link, links)}'
         )
     return link
 

@@ -17,7 +17,7 @@ from morphkit.readers.mjcf import subtree
 from morphkit.simulation import completion
 from morphkit.simulation.completion import NUMBERS_PER_LIMB
 from morphkit.simulation.spec import compile_spec, load_spec
-from morphkit.tokens.spec import TokenSpec, tokens
+from morphkit.tokens.spec import TokenSpec, token_spec
 
 
 @dataclass(frozen=True)
@@ -104,17 +104,17 @@ def build(description: Description, *, base: Base | None = None) -> Simulation:
     model = compile_spec(spec, description.file)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_SENSOR)  # a file may do without; tokens cannot
-    token_spec = tokens(morphology)
-    if model.nu != len(token_spec.actuators):
+    tokens = token_spec(morphology)
+    if model.nu != len(tokens.actuators):
         raise DescriptionError(
-            f"{description.file}: the model has {model.nu} control inputs, but {len(token_spec.actuators)} actuators "
+            f"{description.file}: the model has {model.nu} control inputs, but {len(tokens.actuators)} actuators "
             "were found in the file; actuators with several inputs are not supported"
         )
     body_ids = [model.body(name).id for name in limbs]
     return Simulation(
         description=description,
         morphology=morphology,
-        tokens=token_spec,
+        tokens=tokens,
         model=model,
         kinematics=_kinematics(model),
         limb_body=np.array(body_ids),

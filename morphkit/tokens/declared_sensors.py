@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from morphkit.morphology import Morphology, Reading, Sensor
-from morphkit.naming.limbs import unique
+from morphkit.naming.unique import unique
 from morphkit.naming.vocabulary import plain, split
 
 

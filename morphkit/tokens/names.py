@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Literal
 
 from morphkit.morphology import Actuator, Joint, Limb, Morphology
-from morphkit.naming.limbs import canonical_joint_names, canonical_limb_names, numbered_labels, unique
+from morphkit.naming.limbs import canonical_joint_names, canonical_limb_names, numbered_labels
+from morphkit.naming.unique import unique
 from morphkit.naming.vocabulary import plain, split
 
 Naming = Literal["raw", "canonical"]

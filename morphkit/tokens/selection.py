@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from morphkit.errors import ConfigError, UnknownNameError
-from morphkit.naming.limbs import did_you_mean
 from morphkit.tokens.names import QUANTITIES
 from morphkit.tokens.spec import TokenSpec
+from morphkit.utils.suggest import did_you_mean
 
 NO_LTV = "no_ltv"
 """Stands for every quantity but `type`, the limb-type vector."""

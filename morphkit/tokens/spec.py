@@ -12,7 +12,7 @@ import numpy as np
 
 from morphkit.errors import ConfigError
 from morphkit.morphology import Base, Format, Morphology, Origin
-from morphkit.naming.limbs import unique
+from morphkit.naming.unique import unique
 from morphkit.tokens import serialization
 from morphkit.tokens.declared_sensors import declared_readings
 from morphkit.tokens.names import (
@@ -27,7 +27,7 @@ from morphkit.tokens.names import (
 from morphkit.tokens.origins import Named, given_names
 from morphkit.tokens.records import ActuatorToken, SensorToken, TokenLimb
 
-__all__ = ["VELOCITY_LIMIT", "ActuatorToken", "Naming", "SensorToken", "TokenLimb", "TokenSpec", "tokens"]
+__all__ = ["VELOCITY_LIMIT", "ActuatorToken", "Naming", "SensorToken", "TokenLimb", "TokenSpec", "token_spec"]
 
 SensorChoice = Literal["limb", "declared", "all"]
 _About = tuple[str | None, str, str | None, str, str | None, float | None, float | None]
@@ -108,7 +108,7 @@ class TokenSpec:
         return indices
 
 
-def tokens(
+def token_spec(
     morphology: Morphology,
     *,
     naming: Naming = "raw",

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-from morphkit.readers.common import nearest
+from morphkit.utils.suggest import did_you_mean
 from morphkit.validation.document import Document
 
 _BAD_NAME = re.compile(r"""^\s|\s$|["'<>&\\`]|[\x00-\x1f\x7f]|^$""")
@@ -82,5 +82,5 @@ def index_names(doc: Document, found: Iterable[Any], what: str, *, required: boo
 def unknown(doc: Document, what: str, name: str, known: Iterable[str]) -> str:
     """`link 'foo', which does not exist; did you mean 'foot'?`; the hint is left out where there were many."""
     doc.hints_left -= 1
-    hint = nearest(name[:_LONGEST], known) if doc.hints_left >= 0 else ""
+    hint = did_you_mean(name[:_LONGEST], known) if doc.hints_left >= 0 else ""
     return f"{what} {shorten(name)!r}, which does not exist{hint}"

@@ -10,7 +10,7 @@ from importlib.resources import files
 from typing import Any, Literal, get_args
 
 from morphkit.errors import UnknownNameError
-from morphkit.naming.limbs import did_you_mean
+from morphkit.utils.suggest import did_you_mean
 
 Severity = Literal["error", "warning", "info"]
 SEVERITIES: tuple[Severity, ...] = get_args(Severity)

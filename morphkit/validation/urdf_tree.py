@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from morphkit.formats.urdf_names import joint_calls
-from morphkit.readers.common import give_names, nearest
+from morphkit.naming.unique import give_names
 from morphkit.readers.urdf_structure import JOINT_TYPES, XACRO_DEFINITIONS, is_xacro, xacro_name
+from morphkit.utils.suggest import did_you_mean
 from morphkit.validation.common import index_names, read_numbers, shorten, unknown
 from morphkit.validation.document import Document, elements
 
@@ -69,7 +70,7 @@ def read_tree(doc: Document) -> UrdfTree:
     for name, joint in joints.items():
         kind = joint.get("type")
         if kind not in JOINT_TYPES:
-            hint = nearest(kind or "", JOINT_TYPES)
+            hint = did_you_mean(kind or "", JOINT_TYPES)
             doc.add("joint-type", joint, f"joint {name!r} has type {kind!r}{hint}", name=name)
         parent, child = (_end(doc, joint, name, tag, links) for tag in ("parent", "child"))
         if parent is None or child is None:

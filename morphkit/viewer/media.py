@@ -5,15 +5,15 @@ from __future__ import annotations
 import importlib
 import itertools
 import math
-import os
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from morphkit.errors import ConfigError, DependencyError, MorphkitError, OutputError
+from morphkit.errors import ConfigError, DependencyError
+from morphkit.utils.atomic_write import write_output
 from morphkit.viewer.render import render_frames, start_reach
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def write_png(picture: np.ndarray, path: Path) -> Path:
     path = Path(path)
     check_picture_path(path)
     image = import_viewer("PIL.Image")
-    return write_in_one_step(path, lambda target: image.fromarray(picture).save(target, format="PNG"))
+    return write_output(path, lambda target: image.fromarray(picture).save(target, format="PNG"))
 
 
 def check_picture_path(path: Path) -> None:
@@ -89,7 +89,7 @@ def write_video(frames: Iterable[np.ndarray], path: Path, fps: float) -> Path:
         raise ConfigError(f"{path}: a video needs at least one frame")
     every = itertools.chain([first], iterator)
     write = _write_gif if path.suffix.lower() == ".gif" else _write_mp4
-    return write_in_one_step(path, lambda target: write(every, target, fps))
+    return write_output(path, lambda target: write(every, target, fps))
 
 
 def family_sheet(
@@ -128,28 +128,7 @@ def family_sheet(
         if simulation is not None:
             axis.imshow(next(iter(render_frames(simulation, width=2 * width, height=2 * height, reach=reach))))
             axis.set_title(textwrap.fill(simulation.description.name, max(10, width // 8)), fontsize=10)
-    return write_in_one_step(path, lambda target: figure.savefig(target, format="png"))
-
-
-def write_in_one_step(path: Path, write: Callable[[Path], object]) -> Path:
-    """Let `write` fill a temporary file beside `path` and rename it; a failure leaves nothing behind.
-
-    Raises:
-        OutputError: The file cannot be written.
-    """
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write(temporary)
-        temporary.replace(path)
-    except MorphkitError:
-        raise
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        if temporary.parent.is_dir():
-            temporary.unlink(missing_ok=True)
-    return path
+    return write_output(path, lambda target: figure.savefig(target, format="png"))
 
 
 def _check_suffix(path: Path, allowed: tuple[str, ...]) -> None:

@@ -14,9 +14,9 @@ from typing import Any, Literal
 
 from morphkit.description import Description
 from morphkit.errors import CheckpointError, ConfigError, OutputError
+from morphkit.utils.atomic_write import write_text
 from morphkit_rl.benchmark.bodies import Bodies
 from morphkit_rl.config.train_config import TrainConfig
-from morphkit_rl.runs.files import write_text
 from morphkit_rl.runs.lock import locked, owner
 from morphkit_rl.runs.metrics_log import read_metrics
 
@@ -133,7 +133,7 @@ def create(plans: Sequence[Plan], matrix: Path) -> None:
         for folder, values in fresh:
             folder.mkdir(parents=True, exist_ok=True)
             with locked(folder):  # against a second process that was started at the same time
-                write_text(folder / CELL, json.dumps(values, indent=1) + "\n")
+                write_text(folder / CELL, json.dumps(values, indent=1) + "\n", durable=True)
     except OSError as error:
         raise OutputError(f"{error.filename or matrix}: cannot be written: {error.strerror}") from None
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from morphkit.errors import ConfigError, UnknownNameError
-from morphkit.naming.limbs import did_you_mean
+from morphkit.utils.suggest import did_you_mean
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 _FILE_SUFFIXES = (".urdf", ".xml", ".json", ".toml")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from morphkit.errors import ConfigError, UnknownNameError
-from morphkit.naming.limbs import did_you_mean
+from morphkit.utils.suggest import did_you_mean
 from morphkit_rl.benchmark.published import paper_settings
 from morphkit_rl.config.train_config import TrainConfig, load_config, presets
 from morphkit_rl.models import METHODS

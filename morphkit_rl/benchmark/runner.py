@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from morphkit.errors import MorphkitError
+from morphkit.utils.atomic_write import write_text
 from morphkit_rl.benchmark import cells
 from morphkit_rl.benchmark.cells import Plan
 from morphkit_rl.evaluation.evaluate import RobotResult, evaluate
-from morphkit_rl.runs.files import write_text
 from morphkit_rl.runs.lock import hold
 from morphkit_rl.runs.metrics_log import read_metrics
 from morphkit_rl.training import trainer
@@ -90,7 +90,7 @@ def _train(plan: Plan, run: Path, device: str, progress: Callable[[Progress], No
     if summary.interrupted:
         raise KeyboardInterrupt
     about = {"steps": summary.steps, "updates": summary.updates, "elapsed_s": round(summary.elapsed_s, 3)}
-    write_text(marker, json.dumps(about, indent=1) + "\n")
+    write_text(marker, json.dumps(about, indent=1) + "\n", durable=True)
 
 
 def _evaluate(plan: Plan, folder: Path) -> None:
@@ -114,7 +114,7 @@ def _evaluate(plan: Plan, folder: Path) -> None:
         "training_return": final_training_return(metrics),
         "robots": rows,
     }
-    write_text(folder / cells.RESULT, json.dumps(values, indent=1) + "\n")
+    write_text(folder / cells.RESULT, json.dumps(values, indent=1) + "\n", durable=True)
 
 
 def final_training_return(metrics: Sequence[dict[str, Any]]) -> float | None:
@@ -140,6 +140,6 @@ def _record_failure(folder: Path, error: Exception) -> None:
     kind = "" if isinstance(error, MorphkitError) else f"{type(error).__name__}: "
     values = {"message": f"{kind}{error}", "traceback": traceback.format_exc()}
     try:
-        write_text(folder / cells.FAILURE, json.dumps(values, indent=1) + "\n")
+        write_text(folder / cells.FAILURE, json.dumps(values, indent=1) + "\n", durable=True)
     except OSError:
         raise error from None

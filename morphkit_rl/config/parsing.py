@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import tomllib
 import types
 import typing
@@ -11,6 +10,7 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from morphkit.errors import ConfigError
+from morphkit.utils.suggest import did_you_mean_or_list
 
 
 def override(values: dict[str, Any], text: str) -> None:
@@ -49,9 +49,7 @@ def build(kind: type[Any], values: Mapping[str, Any], origin: str, section: str 
     for key, value in values.items():
         where = f"{section}.{key}" if section else key
         if key not in hints:
-            near = difflib.get_close_matches(key, hints, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"there is {', '.join(hints)}"
-            raise ConfigError(f"{origin}: unknown setting {where!r}; {hint}")
+            raise ConfigError(f"{origin}: unknown setting {where!r}{did_you_mean_or_list(key, hints)}")
         hint = hints[key]
         if dataclasses.is_dataclass(hint):
             if not isinstance(value, Mapping):

@@ -8,7 +8,7 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from morphkit.naming.limbs import limb_type
+from morphkit.naming.patterns import limb_type
 from morphkit.simulation.build import Simulation
 from morphkit.simulation.completion import NUMBERS_PER_LIMB
 from morphkit.tokens.names import VELOCITY_LIMIT
@@ -174,7 +174,7 @@ def _joint_range(simulation: Simulation, joint: int) -> tuple[float, float]:
 def _limb_types(simulation: Simulation, *, legacy: bool) -> list[int]:
     """Index of every limb's type group, -1 where it has none."""
     groups = simulation.morphology.type_words
-    words = [limb_type(limb.name, groups) if legacy else limb.type for limb in simulation.morphology.limbs]
+    words = [limb_type(groups, limb.name) if legacy else limb.type for limb in simulation.morphology.limbs]
     return [next((i for i, group in enumerate(groups) if word in group), -1) for word in words]
 
 

@@ -10,7 +10,7 @@ from morphkit.morphology import Base
 from morphkit.simulation.build import Simulation, build
 from morphkit.tokens.names import LimbNames, Naming, TextStyle
 from morphkit.tokens.selection import take_quantities
-from morphkit.tokens.spec import TokenSpec, tokens
+from morphkit.tokens.spec import TokenSpec, token_spec
 from morphkit_rl.envs.tasks import Task, task_for
 
 
@@ -53,7 +53,7 @@ def prepare(
         UnknownNameError: There is no such task or quantity.
     """
     simulation = build(description, base=base)
-    spec = tokens(
+    spec = token_spec(
         simulation.morphology,
         naming=naming,
         limb_names=limb_names,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -13,6 +12,7 @@ import numpy as np
 from morphkit.errors import ConfigError, UnknownNameError
 from morphkit.simulation.build import Simulation
 from morphkit.simulation.completion import lowest_point
+from morphkit.utils.suggest import did_you_mean
 
 Range = tuple[float, float]
 
@@ -127,9 +127,7 @@ def task_for(simulation: Simulation, name: str | None = None) -> Task:
     """
     name = name or simulation.tokens.task or ("raise" if simulation.base == "fixed" else "locomotion")
     if name not in TASKS:
-        close = difflib.get_close_matches(name, TASKS, n=1)
-        hint = f"; did you mean {close[0]!r}?" if close else ""
-        raise UnknownNameError(f"there is no task {name!r}; tasks are {', '.join(TASKS)}{hint}")
+        raise UnknownNameError(f"there is no task {name!r}; tasks are {', '.join(TASKS)}{did_you_mean(name, TASKS)}")
     task = TASKS[name]
     if simulation.base == "fixed" and task.forward_weight:
         raise ConfigError(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from morphkit.errors import ConfigError, DependencyError
-from morphkit.viewer.media import write_in_one_step
+from morphkit.utils.atomic_write import write_output
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -89,7 +89,7 @@ def results_figure(metrics: Sequence[Mapping[str, Any]], results: Sequence[Resul
         _draw_curves(left, metrics)
         _draw_bars(right, results)
         kind = path.suffix.lower()[1:]
-        return write_in_one_step(path, lambda target: figure.savefig(target, format=kind, dpi=150))
+        return write_output(path, lambda target: figure.savefig(target, format=kind, dpi=150))
 
 
 def _curve(metrics: Sequence[Mapping[str, Any]], values: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:

@@ -24,7 +24,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from morphkit_rl.text.cache import cache_folder
+from morphkit.utils.cache_dir import cache_dir
 
 logger = logging.getLogger(__name__)
 
@@ -133,7 +133,7 @@ def _open() -> ctypes.CDLL:
     key = hashlib.sha256(b"\0".join([*texts.values(), *map(str.encode, (*native, *compiler, *_FLAGS))])).hexdigest()
     name = f"kernels-{key[:16]}.so"
     try:
-        file = cache_folder() / name
+        file = cache_dir() / name
         if not file.is_file():
             file.parent.mkdir(parents=True, exist_ok=True)
             _compile(compiler, texts, file)

@@ -21,8 +21,8 @@ from safetensors.numpy import load_file, save_file
 from torch import nn
 
 from morphkit.errors import CheckpointError, OutputError
+from morphkit.utils.atomic_write import write_atomically, write_text
 from morphkit.utils.staging import require_text
-from morphkit_rl.runs.files import flush, write_text
 
 FORMAT_VERSION = 2
 _LATEST = "latest"
@@ -83,12 +83,12 @@ def save(run: Path, tensors: Mapping[str, Mapping[str, np.ndarray]], state: Mapp
             save_arrays(temporary / f"{file}.safetensors", arrays)
         sizes = {path.name: path.stat().st_size for path in sorted(temporary.iterdir())}
         whole = {"format_version": FORMAT_VERSION, **state, "files": sizes}
-        write_text(temporary / "state.json", json.dumps(whole, indent=1))
+        write_text(temporary / "state.json", json.dumps(whole, indent=1), durable=True)
         final = folder / name
         if final.exists():
             shutil.rmtree(final)
         temporary.rename(final)
-        write_text(folder / _LATEST, name + "\n")
+        write_text(folder / _LATEST, name + "\n", durable=True)
     except OSError:
         shutil.rmtree(temporary, ignore_errors=True)
         raise
@@ -213,17 +213,13 @@ def load_optimizers(optimizers: Mapping[str, torch.optim.Optimizer], arrays: Map
 
 
 def save_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write one safetensors file under a temporary name, flush it to disk and rename it.
+    """Write one safetensors file in one step, flushed to disk.
 
     Raises:
         OSError: The disk is full or the folder cannot be written.
     """
-    temporary = path.with_name(f".{path.name}.tmp")
+    contiguous = {key: np.ascontiguousarray(array) for key, array in arrays.items()}
     try:
-        save_file({key: np.ascontiguousarray(array) for key, array in arrays.items()}, temporary)
-        flush(temporary)
-        temporary.replace(path)
+        write_atomically(path, lambda file: save_file(contiguous, file), durable=True)
     except SafetensorError as error:
         raise OSError(str(error)) from None
-    finally:
-        temporary.unlink(missing_ok=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from morphkit.errors import OutputError
-from morphkit_rl.runs.files import write_text
+from morphkit.utils.atomic_write import write_text
 
 
 def read_metrics(run: Path) -> list[dict[str, Any]]:
@@ -39,7 +39,7 @@ class MetricsLog:
         kept = [row for row in read_metrics(run) if row["steps"] <= steps and row["updates"] <= updates]
         self._last = _moment(kept[-1]) if kept else None
         self.path = run / "metrics.jsonl"
-        write_text(self.path, "".join(json.dumps(row) + "\n" for row in kept))
+        write_text(self.path, "".join(json.dumps(row) + "\n" for row in kept), durable=True)
         self.writer = SummaryWriter(str(run / "tensorboard"), purge_step=steps)
 
     def write(self, row: Mapping[str, Any]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import json
 import re
@@ -17,6 +16,7 @@ from morphkit.description import Description, RobotInfo
 from morphkit.errors import CheckpointError, ConfigError, UnknownNameError
 from morphkit.morphology import Base
 from morphkit.tokens.spec import TokenSpec
+from morphkit.utils.suggest import did_you_mean_or_list
 from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.envs.robot import Robot, prepare
 from morphkit_rl.runs import checkpoint
@@ -84,9 +84,8 @@ def split(
     for what, chosen in (("hold out", hold_out), ("validate on", validation)):
         for name in chosen:
             if name not in names:
-                near = difflib.get_close_matches(name, names, n=1)
-                hint = f"did you mean {near[0]!r}?" if near else f"there is {', '.join(names)}"
-                raise UnknownNameError(f"cannot {what} {name!r}: none of the robots is called so; {hint}")
+                hint = did_you_mean_or_list(name, names)
+                raise UnknownNameError(f"cannot {what} {name!r}: none of the robots is called so{hint}")
     both = sorted(set(hold_out) & set(validation))
     if both:
         raise ConfigError(f"{both[0]!r} is both held out and to be validated on; held-out robots are never evaluated")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 import sqlite3
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
@@ -11,7 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-import platformdirs
+
+from morphkit.utils.cache_dir import cache_dir
 
 logger = logging.getLogger(__name__)
 
@@ -19,17 +19,6 @@ _FORMAT = 1
 _BUSY_S = 10.0
 _TABLE = "CREATE TABLE IF NOT EXISTS embeddings (text TEXT PRIMARY KEY, vector BLOB NOT NULL, crc INTEGER NOT NULL)"
 _MADE = "SELECT 1 FROM sqlite_master WHERE name = 'embeddings'"
-
-
-def cache_folder() -> Path:
-    """Folder of the embedding files: `$MORPHKIT_CACHE`, else the user's cache folder for morphkit.
-
-    For a user without a home, as containers may have, it is one that cannot be made.
-    """
-    try:
-        return Path(os.environ.get("MORPHKIT_CACHE") or platformdirs.user_cache_dir("morphkit")).expanduser()
-    except RuntimeError:
-        return Path(os.devnull) / "morphkit"
 
 
 class EmbeddingCache:
@@ -41,11 +30,11 @@ class EmbeddingCache:
     Args:
         name: What the vectors depend on beside the text; becomes the file's name.
         size: Length of a vector.
-        folder: Where the file lies; default `cache_folder()`.
+        folder: Where the file lies; default `cache_dir()`.
     """
 
     def __init__(self, name: str, size: int, folder: Path | None = None) -> None:
-        self.file = (cache_folder() if folder is None else Path(folder)) / f"{name}-v{_FORMAT}.sqlite3"
+        self.file = (cache_dir() if folder is None else Path(folder)) / f"{name}-v{_FORMAT}.sqlite3"
         self.size = size
         self._warned = False
 

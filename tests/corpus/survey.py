@@ -19,7 +19,7 @@ from morphkit.formats.resolve import flatten_includes
 from morphkit.readers import read
 from morphkit.registry import load
 from morphkit.simulation import spec as mujoco_spec
-from morphkit.tokens.spec import tokens
+from morphkit.tokens.spec import token_spec
 
 from .compare import Form, differences, forms, has_meshes, missing_names, spec_of, without_body
 from .source import foreign_lines, unexplained
@@ -62,10 +62,10 @@ def _survey(path: str, root: str | None, collection: Path, cuts: bool) -> Outcom
     try:
         description = load(path, root=root, packages={"collection": collection})
         morphology = read(description)
-        spec = tokens(morphology)
+        spec = token_spec(morphology)
         outcome.limbs, outcome.sensors, outcome.actuators = len(spec.limbs), len(spec.sensors), len(spec.actuators)
-        outcome.declared = len(tokens(morphology, naming="canonical", sensors="declared").sensors)
-        assert tokens(read(description)).to_json() == spec.to_json(), "the same file gives other bytes"
+        outcome.declared = len(token_spec(morphology, naming="canonical", sensors="declared").sensors)
+        assert token_spec(read(description)).to_json() == spec.to_json(), "the same file gives other bytes"
         if cuts and len(spec.limbs) > 1:
             _cut_each(description, outcome)
     except MorphkitError as error:

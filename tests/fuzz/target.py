@@ -13,7 +13,7 @@ from morphkit.errors import MorphkitError
 from morphkit.formats import xml
 from morphkit.readers import read
 from morphkit.simulation.build import compile_plain
-from morphkit.tokens.spec import TokenSpec, tokens
+from morphkit.tokens.spec import TokenSpec, token_spec
 
 
 def attempt(source: bytes) -> str:
@@ -27,7 +27,7 @@ def attempt(source: bytes) -> str:
         robot = Description("broken", "broken.urdf" if form == "urdf" else "broken.xml", form, source)
         morphology = read(robot)
         for naming in ("raw", "canonical"):
-            spec = tokens(morphology, naming=naming, sensors="all")
+            spec = token_spec(morphology, naming=naming, sensors="all")
             assert TokenSpec.from_json(spec.to_json()) == spec
     except MorphkitError as error:
         return _explained(error, "refused")

@@ -9,7 +9,7 @@ import pytest
 
 from morphkit.readers import read
 from morphkit.registry import load, shipped
-from morphkit.tokens.spec import Naming, TokenSpec, tokens
+from morphkit.tokens.spec import Naming, TokenSpec, token_spec
 
 FOLDER = Path(__file__).parent / "tokens"
 NAMINGS: tuple[Naming, ...] = ("raw", "canonical")
@@ -24,7 +24,7 @@ def path_of(robot: str, naming: Naming) -> Path:
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_tokens_are_those_on_file(robot: str, naming: Naming) -> None:
     description = load(robot)
-    text = tokens(read(description), naming=naming, canonical=description.info.canonical).to_json()
+    text = token_spec(read(description), naming=naming, canonical=description.info.canonical).to_json()
     path = path_of(robot, naming)
     if os.environ.get("MORPHKIT_REGENERATE"):
         FOLDER.mkdir(exist_ok=True)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from morphkit.description import Description
 from morphkit.readers import read
-from morphkit.tokens.spec import tokens
+from morphkit.tokens.spec import token_spec
 from morphkit_rl.config.train_config import ModelConfig
 from morphkit_rl.models import build
 from morphkit_rl.models.layout import build_layout
@@ -38,7 +38,7 @@ def test_a_robot_alone_and_among_others_gets_the_same(robots: list[Description],
     actor, critic = build(ModelConfig(d_model=8, layers=2, heads=2, feedforward=8), SIZE)
     for parameter in (*actor.parameters(), *critic.parameters()):
         torch.nn.init.normal_(parameter, std=0.3)
-    specs = [tokens(read(robot)) for robot in robots]
+    specs = [token_spec(read(robot)) for robot in robots]
     with patch("morphkit_rl.models.layout.GROUP_LIMBS", group_limbs):
         mixed = build_layout(specs, embed)
     obs, action = torch.randn(3, mixed.num_tokens), torch.rand(3, mixed.num_actions) * 2 - 1

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from morphkit.ablation.ablate import ablate
 from morphkit.description import Description
 from morphkit.readers import read
-from morphkit.tokens.spec import tokens
+from morphkit.tokens.spec import token_spec
 from tests.support.trees import mjcf_robots, urdf_robots
 
 robots = st.one_of(mjcf_robots(), urdf_robots())
@@ -50,7 +50,7 @@ def step(model: mujoco.MjModel) -> mujoco.MjData:
 def test_token_names_are_unique_and_limbs_partition_the_observation(robot):
     morphology = read(robot)
     for naming in ("raw", "canonical"):
-        spec = tokens(morphology, naming=naming)
+        spec = token_spec(morphology, naming=naming)
         names = [token.name for token in spec.sensors]
         assert len(set(names)) == len(names)
         actuators = [token.name for token in spec.actuators]
@@ -77,8 +77,8 @@ def test_tokens_of_a_variant_are_tokens_of_its_source(robot, data):
     assert {limb.name for limb in whole.limbs} <= {*variant.limbs, *variant.removed, *variant.spliced}
     for naming in ("raw", "canonical"):
         canonical = variant.description.info.canonical
-        before = tokens(whole, naming=naming, canonical=canonical)
-        after = tokens(part, naming=naming, canonical=canonical)
+        before = token_spec(whole, naming=naming, canonical=canonical)
+        after = token_spec(part, naming=naming, canonical=canonical)
         assert {token.name for token in after.sensors} <= {token.name for token in before.sensors}
         # A URDF joint that followed a removed one moves on its own now, and can be driven.
         freed = {loss.name for loss in variant.lost if loss.kind == "mimic"}

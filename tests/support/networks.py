@@ -11,7 +11,7 @@ import torch
 
 from morphkit.readers import read
 from morphkit.registry import load
-from morphkit.tokens.spec import TokenSpec, tokens
+from morphkit.tokens.spec import TokenSpec, token_spec
 from morphkit_rl.buffers.replay_buffer import Batch
 from morphkit_rl.config.train_config import ModelConfig
 from morphkit_rl.models import build, find
@@ -30,7 +30,7 @@ def embed(texts: Sequence[str]) -> np.ndarray:
 
 
 def spec(name: str) -> TokenSpec:
-    return tokens(read(load(name)))
+    return token_spec(read(load(name)))
 
 
 def layout_of(method: str, *names: str) -> Layout:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from morphkit.errors import DependencyError
-from morphkit.viewer.media import write_in_one_step
+from morphkit.utils.atomic_write import write_output
 from morphkit_rl.benchmark.published import OVERALL
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ def draw_panels(
                 axes.set_axis_off()
         ncols = min(entries, len(handles)) or 1
         figure.legend(handles=handles, loc="outside lower left", ncols=ncols, handlelength=3.2)
-        return write_in_one_step(path, lambda target: figure.savefig(target, format="png", dpi=130))
+        return write_output(path, lambda target: figure.savefig(target, format="png", dpi=130))
 
 
 def say(axes: Axes, text: str) -> None:

@@ -14,11 +14,12 @@ from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError, MorphkitError
 from morphkit.formats import limits, xml
 from morphkit.formats.assets import find_assets
+from morphkit.naming.unique import TakenNames
 from morphkit.readers import read
-from morphkit.readers.common import Names, nearest
 from morphkit.registry import load
 from morphkit.simulation.spec import load_spec
-from morphkit.tokens.spec import tokens
+from morphkit.tokens.spec import token_spec
+from morphkit.utils.suggest import did_you_mean
 
 BODY = '<body name="a"><geom size="1"/>{}</body>'
 NAMES = ("a b", "c/d", "../e", "é漢😀", "f'g", "h\\i", "-j", "$(rm)", "k\u202e", 'l"m', "n\no", "{p}", "%s")
@@ -111,11 +112,11 @@ def test_a_chain_too_long_to_simulate(tmp_path: Path) -> None:
 
 
 def test_names_are_numbered_in_linear_time() -> None:
-    names = Names()
+    names = TakenNames()
     start = time.process_time()
     assert [names.give("a") for _ in range(50_000)][-1] == "a_50000"
     assert time.process_time() - start < 2
-    nearest("b" * 10**6, ["a" * 10**6] * 10)
+    did_you_mean("b" * 10**6, ["a" * 10**6] * 10)
     assert time.process_time() - start < 4
 
 
@@ -137,7 +138,7 @@ def test_names_of_every_kind_survive(form: str) -> None:
     morphology = read(Description("r", f"r.{form}", form, text.encode()))  # type: ignore[arg-type]
     assert [limb.name for limb in morphology.limbs[1:]] == list(NAMES)
     for naming in ("raw", "canonical"):
-        spec = tokens(morphology, naming=naming)  # type: ignore[arg-type]
+        spec = token_spec(morphology, naming=naming)  # type: ignore[arg-type]
         assert len({token.name for token in spec.sensors}) == len(spec.sensors)
         json.loads(spec.to_json())
 
@@ -199,7 +200,7 @@ def test_meshes_outside_are_findings_not_failures(tmp_path: Path, reference: str
     mesh = f'<link name="a"><visual><geometry><mesh filename="{reference}"/></geometry></visual></link>'
     (folder / "r.urdf").write_text(f'<robot name="r">{mesh}</robot>')
     robot = load(folder / "r.urdf")
-    assert len(tokens(read(robot)).sensors) == 19
+    assert len(token_spec(read(robot)).sensors) == 19
     (asset,) = find_assets(robot)
     assert asset.path is None
     assert asset.problem

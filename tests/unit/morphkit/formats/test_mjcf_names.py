@@ -12,7 +12,7 @@ from morphkit.ablation.ablate import ablate
 from morphkit.errors import DescriptionError
 from morphkit.readers import read
 from morphkit.registry import load
-from morphkit.tokens.spec import TokenSpec, tokens
+from morphkit.tokens.spec import TokenSpec, token_spec
 from morphkit_cli.main import run
 from tests.support.nameless_robots import GEOM, MJCF, mjcf, names
 
@@ -34,7 +34,7 @@ def test_elements_of_an_mjcf_file_are_named_after_what_they_hold() -> None:
 
 
 def test_the_map_of_an_mjcf_file() -> None:
-    spec = tokens(read(mjcf()), sensors="all")
+    spec = token_spec(read(mjcf()), sensors="all")
     found = [(each.given, each.kind, each.original, each.where, each.id) for each in spec.given_names]
     assert found == [
         ("knee_body", "body", None, "r.xml:5", 3),
@@ -84,7 +84,7 @@ def test_copies_are_traced_to_what_was_copied(tmp_path: Path) -> None:
 <include file="leg.xml"/>
 <attach model="m" body="arm" prefix="l_"/><attach model="m" body="arm" prefix="r_"/>
 </body></worldbody></mujoco>""")
-    found = {each.given: (each.original, each.where) for each in tokens(read(load(tmp_path / "r.xml"))).given_names}
+    found = {each.given: (each.original, each.where) for each in token_spec(read(load(tmp_path / "r.xml"))).given_names}
     assert found == {
         **{f"toe{i}": ("toe", "r.xml:3") for i in range(2)},
         **{f"t{i}": ("t", "r.xml:3") for i in range(2)},
@@ -114,9 +114,9 @@ def test_messages_name_the_line_of_an_included_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("limb", ["thigh", "torso_body", "torso_body_2", "Foot", "foot_2", "knee_body"])
 def test_no_cut_renames_a_limb_that_stays(limb: str) -> None:
-    source = tokens(read(mjcf()))
+    source = token_spec(read(mjcf()))
     variant = ablate(mjcf(), remove=[limb])
-    left = tokens(read(variant.description))
+    left = token_spec(read(variant.description))
     assert {each.name for each in left.limbs} < {each.name for each in source.limbs}
     known = {(each.name, each.limb, each.text) for each in source.sensors}
     assert {(each.name, each.limb, each.text) for each in left.sensors} < known

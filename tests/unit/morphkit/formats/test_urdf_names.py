@@ -10,7 +10,7 @@ from morphkit.description import Description
 from morphkit.errors import DescriptionError
 from morphkit.readers import read
 from morphkit.simulation.build import build
-from morphkit.tokens.spec import tokens
+from morphkit.tokens.spec import token_spec
 from tests.support.nameless_robots import names
 
 INERTIA = '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
@@ -44,14 +44,14 @@ def test_links_and_joints_of_a_urdf_that_share_a_name() -> None:
     assert [(each.name, each.joint) for each in morphology.actuators] == [
         (name, name) for name in ("hip", "hip_2", "toe_joint")
     ]
-    found = tokens(morphology, sensors="all").given_names
+    found = token_spec(morphology, sensors="all").given_names
     assert [(each.given, each.kind, each.original, each.where, each.id) for each in found] == [
         ("hip_2", "joint", "hip", "r.urdf:11", None),
         ("toe_joint", "joint", None, "r.urdf:13", None),
         ("sensor", "sensor", None, "r.urdf:16", None),
         ("s_2", "sensor", "s", "r.urdf:17", None),
     ]
-    by_joint = tokens(morphology, limb_names="joint")
+    by_joint = token_spec(morphology, limb_names="joint")
     assert [actuator.name for actuator in by_joint.actuators] == ["hip_ctrl", "hip_2_ctrl", "toe_joint_ctrl"]
 
 

@@ -11,10 +11,12 @@ from hypothesis import strategies as st
 from morphkit.ablation.ablate import ablate
 from morphkit.families.write import write_family
 from morphkit.morphology import Origin
-from morphkit.naming.limbs import fold, match_limbs, numbered_labels
+from morphkit.naming.limbs import numbered_labels
+from morphkit.naming.patterns import match_limbs
+from morphkit.naming.unique import fold
 from morphkit.readers import read
 from morphkit.registry import load, load_all, shipped
-from morphkit.tokens.spec import tokens
+from morphkit.tokens.spec import token_spec
 from tests.support.nameless_robots import GEOM, MJCF, mjcf
 
 
@@ -23,7 +25,7 @@ def test_labels_of_the_source_stand_in_the_manifest(tmp_path: Path) -> None:
     robot = load(tmp_path / "r.xml")
     path = write_family(robot, [ablate(robot, remove=["Foot"])], tmp_path / "out")
     (variant,) = load_all(path)
-    spec = tokens(read(variant))
+    spec = token_spec(read(variant))
     assert "foot_2_position_x" in [sensor.name for sensor in spec.sensors]
     assert Origin("foot_2", "body", "foot", "r-no-Foot.xml:10", 7) in spec.given_names
     assert ablate(variant, remove=["foot_2"]).removed == ("foot",)
@@ -44,7 +46,7 @@ def test_names_that_read_alike_are_told_apart(one: str, other: str) -> None:
     limbs = "".join(f'<body name="{name}"><joint/>{GEOM}</body>' for name in (one, other))
     text = f'<mujoco><worldbody><body name="t">{GEOM}{limbs}</body></worldbody></mujoco>'
     morphology = read(mjcf(text))
-    spec = tokens(morphology)
+    spec = token_spec(morphology)
     assert len({fold(text) for text in spec.texts}) == len(spec.texts)
     (given,) = (each for each in spec.given_names if each.kind == "body")
     assert (given.given, given.original) == (f"{other}_2", other)
@@ -65,7 +67,7 @@ def test_labels_never_take_a_name_of_the_file() -> None:
 
 def test_shipped_robots_have_all_their_names() -> None:
     for robot in shipped():
-        assert tokens(read(robot), sensors="all").given_names == ()
+        assert token_spec(read(robot), sensors="all").given_names == ()
 
 
 @st.composite
@@ -113,7 +115,7 @@ def trees(draw: st.DrawFn) -> str:
 @given(text=trees(), data=st.data())
 def test_names_are_unique_and_survive_every_cut(text: str, data: st.DataObject) -> None:
     morphology = read(mjcf(text))
-    spec = tokens(morphology)
+    spec = token_spec(morphology)
     assert len({fold(text) for text in spec.texts}) == len(spec.texts)
     labels = {limb.name: morphology.labels.get(limb.name, limb.name) for limb in morphology.limbs}
     for label, name in [(label, name) for name, label in labels.items() if label != name]:
@@ -121,7 +123,7 @@ def test_names_are_unique_and_survive_every_cut(text: str, data: st.DataObject) 
     wish = data.draw(st.sampled_from([name for name in labels if name != "torso"]))
     variant = ablate(mjcf(text), **{data.draw(st.sampled_from(["remove", "splice"])): [wish]})
     cut = read(variant.description)
-    left = tokens(cut)
+    left = token_spec(cut)
     gone = {*variant.removed, *variant.spliced}
     for kind in ("actuators", "sensors"):
         stay = [each.name for each in getattr(morphology, kind) if each.limb not in gone]

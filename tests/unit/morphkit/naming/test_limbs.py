@@ -8,7 +8,9 @@ import pytest
 
 from morphkit.errors import UnknownNameError
 from morphkit.morphology import Joint, Limb, Morphology
-from morphkit.naming.limbs import canonical_joint_names, canonical_limb_names, limb_type, match_limbs, unique
+from morphkit.naming.limbs import canonical_joint_names, canonical_limb_names
+from morphkit.naming.patterns import limb_type, match_limbs
+from morphkit.naming.unique import unique
 
 
 def robot(*limbs: Limb | str, type_words: tuple[tuple[str, ...], ...] = ()) -> Morphology:
@@ -17,7 +19,7 @@ def robot(*limbs: Limb | str, type_words: tuple[tuple[str, ...], ...] = ()) -> M
         if isinstance(limb, str):
             parent = made[0].name if made else None
             joints = (Joint(f"{limb}_j", "hinge", True, -1.0, 1.0),) if i else ()
-            limb = Limb(limb, parent, joints, (limb,), limb_type(limb, type_words))
+            limb = Limb(limb, parent, joints, (limb,), limb_type(type_words, limb))
         made.append(limb)
     return Morphology("robot", "robot.xml", "mjcf", "0" * 64, "free", None, None, type_words, tuple(made), ())
 
@@ -146,6 +148,13 @@ def test_any_word_of_a_type_group_picks_the_group() -> None:
     assert match_limbs(quadruped, "thigh") == ["a_hip", "a_thigh"]
 
 
+def test_a_type_picks_limbs_whatever_their_case_and_no_link_fixed_to_one_of_the_type() -> None:
+    joints = (Joint("j", "hinge", True, -1.0, 1.0),)
+    left = Limb("LeftFoot", "trunk", joints, ("LeftFoot", "LeftFootPad"), limb_type((("foot",),), "LeftFoot"))
+    biped = robot("trunk", left, "rightfoot", type_words=(("foot",),))
+    assert match_limbs(biped, "foot") == ["LeftFoot", "rightfoot"]
+
+
 def test_fixed_links_match_by_name_glob_and_type() -> None:
     calf = Limb("FL_calf", "trunk", (Joint("j", "hinge", True, -1.0, 1.0),), ("FL_calf", "FL_foot"), "calf")
     typed = robot("trunk", calf, type_words=(("calf",), ("foot",)))
@@ -167,9 +176,9 @@ def test_no_match_names_the_nearest_and_lists_the_limbs() -> None:
 
 
 def test_limb_type_takes_the_first_group_that_occurs() -> None:
-    assert limb_type("left2", (("torso",), ("1",), ("2",))) == "2"
-    assert limb_type("FL_Calf", (("calf",),)) == "calf"
-    assert limb_type("torso", (("hip",),)) is None
+    assert limb_type((("torso",), ("1",), ("2",)), "left2") == "2"
+    assert limb_type((("calf",),), "FL_Calf") == "calf"
+    assert limb_type((("hip",),), "torso") is None
 
 
 def test_names_of_thousands_of_limbs_take_no_quadratic_time() -> None:

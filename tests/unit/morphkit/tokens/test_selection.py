@@ -10,7 +10,7 @@ from morphkit.registry import load
 from morphkit.simulation.build import build
 from morphkit.tokens.names import QUANTITIES
 from morphkit.tokens.selection import take_quantities
-from morphkit.tokens.spec import TokenSpec, tokens
+from morphkit.tokens.spec import TokenSpec, token_spec
 from morphkit_cli.main import run
 from morphkit_rl.envs.batch_env import BatchEnv
 from morphkit_rl.envs.robot import prepare
@@ -92,7 +92,7 @@ def test_specifications_of_other_robots_and_orders_are_refused() -> None:
     turned = replace(CHEETAH.tokens, sensors=CHEETAH.tokens.sensors[::-1])
     with pytest.raises(ConfigError, match="another order"):
         sensor_columns(turned, CHEETAH.tokens)
-    larger = tokens(build(load("cheetah_4_back")).morphology)
+    larger = token_spec(build(load("cheetah_4_back")).morphology)
     with pytest.raises(ConfigError, match="there are 0 tokens like 'bshin_position_x'"):
         sensor_columns(replace(larger, actuators=CHEETAH.tokens.actuators), CHEETAH.tokens)
 

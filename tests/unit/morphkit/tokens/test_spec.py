@@ -13,8 +13,8 @@ import pytest
 
 from morphkit.errors import ConfigError, DescriptionError
 from morphkit.morphology import Actuator, Joint, JointKind, Limb, Morphology
-from morphkit.naming.limbs import fold
-from morphkit.tokens.spec import TokenSpec, tokens
+from morphkit.naming.unique import fold
+from morphkit.tokens.spec import TokenSpec, token_spec
 
 
 def hinge(name: str, kind: JointKind = "hinge") -> Joint:
@@ -53,7 +53,7 @@ JOINT_SCALARS = ["angle", "joint_range_low", "joint_range_high"]
 
 
 def test_a_limb_has_sixteen_body_scalars_and_three_a_joint() -> None:
-    spec = tokens(ARM)
+    spec = token_spec(ARM)
     expected = [f"base_{scalar}" for scalar in BODY_SCALARS + JOINT_SCALARS]
     expected += [f"shoulder_{scalar}" for scalar in BODY_SCALARS]
     expected += [f"shoulder_{joint}_{s}" for joint in ("shoulder_pan", "shoulder_lift") for s in JOINT_SCALARS]
@@ -63,7 +63,7 @@ def test_a_limb_has_sixteen_body_scalars_and_three_a_joint() -> None:
 
 
 def test_token_limb_and_actuator_limb_say_what_belongs_where() -> None:
-    spec = tokens(ARM)
+    spec = token_spec(ARM)
     assert spec.token_limb.tolist() == [0] * 19 + [1] * 22 + [2] * 19 + [3] * 19
     assert spec.actuator_limb.tolist() == [1, 1, -1, 2]
 
@@ -83,7 +83,7 @@ def test_token_limb_and_actuator_limb_say_what_belongs_where() -> None:
     ],
 )
 def test_quantity_component_unit_frame_and_bounds(name: str, fields: tuple[Any, ...]) -> None:
-    sensor = next(sensor for sensor in tokens(ARM).sensors if sensor.name == name)
+    sensor = next(sensor for sensor in token_spec(ARM).sensors if sensor.name == name)
     assert (
         sensor.quantity,
         sensor.component,
@@ -95,26 +95,26 @@ def test_quantity_component_unit_frame_and_bounds(name: str, fields: tuple[Any, 
 
 
 def test_actuator_names_say_limb_then_joint_where_a_limb_has_several() -> None:
-    names = [actuator.name for actuator in tokens(ARM).actuators]
+    names = [actuator.name for actuator in token_spec(ARM).actuators]
     assert names == ["shoulder_shoulder_pan_ctrl", "shoulder_shoulder_lift_ctrl", "pull_ctrl", "lhand_ctrl"]
-    unbounded = tokens(ARM).actuators[1]
+    unbounded = token_spec(ARM).actuators[1]
     assert (unbounded.low, unbounded.high, unbounded.unit, unbounded.joint) == (None, None, "N*m", "shoulder_lift")
 
 
 def test_two_actuators_on_one_joint_are_called_by_their_own_names() -> None:
     limbs = (Limb("base", None, (), ("base",)), Limb("arm", "base", (hinge("j"),), ("arm",)))
-    spec = tokens(make(limbs, (motor("push", "arm", "j"), motor("pull", "arm", "j"), motor("site", "arm"))))
+    spec = token_spec(make(limbs, (motor("push", "arm", "j"), motor("pull", "arm", "j"), motor("site", "arm"))))
     assert [actuator.name for actuator in spec.actuators] == ["arm_push_ctrl", "arm_pull_ctrl", "arm_site_ctrl"]
 
 
 def test_text_has_words_and_the_raw_style_has_the_name() -> None:
-    assert tokens(ARM).sensors[0].text == "base position x"
-    assert tokens(ARM, text_style="raw").sensors[0].text == "base_position_x"
-    assert tokens(ARM, text_style="raw").actuators[3].text == "lhand_ctrl"
+    assert token_spec(ARM).sensors[0].text == "base position x"
+    assert token_spec(ARM, text_style="raw").sensors[0].text == "base_position_x"
+    assert token_spec(ARM, text_style="raw").actuators[3].text == "lhand_ctrl"
 
 
 def test_canonical_names_keep_the_limbs_of_the_file() -> None:
-    spec = tokens(ARM, naming="canonical")
+    spec = token_spec(ARM, naming="canonical")
     sensor = spec.sensors[41]
     assert (sensor.name, sensor.text, sensor.limb) == ("left_hand_position_x", "left hand position x", "lhand")
     assert [limb.name for limb in spec.limbs] == ["base", "shoulder", "lhand", "free"]
@@ -125,16 +125,16 @@ def test_canonical_names_keep_the_limbs_of_the_file() -> None:
         "pull ctrl",
         "left hand ctrl",
     ]
-    given = tokens(ARM, naming="canonical", canonical={"lhand": "gripper"})
+    given = token_spec(ARM, naming="canonical", canonical={"lhand": "gripper"})
     assert (given.sensors[41].name, given.actuators[3].text) == ("gripper_position_x", "gripper ctrl")
 
 
 def test_limbs_called_by_their_first_joint() -> None:
-    names = [sensor.name for sensor in tokens(ARM, limb_names="joint").sensors]
+    names = [sensor.name for sensor in token_spec(ARM, limb_names="joint").sensors]
     assert names[0] == "base_position_x"
     assert names[19] == "shoulder_pan_position_x"
     assert names[41] == "hand_joint_position_x"
-    assert tokens(ARM, limb_names="joint").actuators[3].name == "hand_joint_ctrl"
+    assert token_spec(ARM, limb_names="joint").actuators[3].name == "hand_joint_ctrl"
 
 
 @pytest.mark.parametrize("naming", ["raw", "canonical"])
@@ -150,15 +150,15 @@ def test_names_and_texts_are_unique_even_uncased(naming: Any, limb_names: Any) -
     )
     actuators = (*(motor(limb.name, limb.name) for limb in limbs[1:]), motor("m", "arm"), motor("m", "arm"))
     actuators += (motor("arm_a", None), motor("foot", None))
-    spec = tokens(make(limbs, actuators), naming=naming, limb_names=limb_names)
+    spec = token_spec(make(limbs, actuators), naming=naming, limb_names=limb_names)
     for field in ("name", "text"):
         values = [fold(getattr(token, field)) for token in (*spec.sensors, *spec.actuators)]
         assert len(set(values)) == len(values)
-    assert spec == tokens(make(limbs, actuators), naming=naming, limb_names=limb_names)
+    assert spec == token_spec(make(limbs, actuators), naming=naming, limb_names=limb_names)
 
 
 def test_json_has_the_keys_of_the_schema_in_order_and_reads_back() -> None:
-    spec = tokens(ARM)
+    spec = token_spec(ARM)
     text = spec.to_json()
     document = json.loads(text)
     assert list(document) == [
@@ -199,7 +199,7 @@ def test_json_has_the_keys_of_the_schema_in_order_and_reads_back() -> None:
     ],
 )
 def test_damaged_json_is_refused(path: tuple[Any, ...], value: Any, message: str) -> None:
-    document = json.loads(tokens(ARM).to_json())
+    document = json.loads(token_spec(ARM).to_json())
     place = document
     for key in path[:-1]:
         place = place[key]
@@ -213,11 +213,11 @@ def test_damaged_json_is_refused(path: tuple[Any, ...], value: Any, message: str
 
 def test_cut_json_is_refused() -> None:
     with pytest.raises(DescriptionError, match="no JSON"):
-        TokenSpec.from_json(tokens(ARM).to_json()[:500])
+        TokenSpec.from_json(token_spec(ARM).to_json()[:500])
 
 
 def test_csv_has_a_row_a_token() -> None:
-    rows = list(csv.DictReader(io.StringIO(tokens(ARM).to_csv())))
+    rows = list(csv.DictReader(io.StringIO(token_spec(ARM).to_csv())))
     assert len(rows) == 79 + 4
     assert rows[3] | {"kind": "sensor", "name": "base_translational_velocity_x", "low": "-10.0", "joint": ""} == rows[3]
     assert rows[80]["kind"] == "actuator"
@@ -225,23 +225,23 @@ def test_csv_has_a_row_a_token() -> None:
 
 
 def test_a_limb_without_joints_has_one_angle_like_the_root() -> None:
-    spec = tokens(make((Limb("base", None, (), ("base",)), Limb("stub", "base", (), ("stub",)))))
+    spec = token_spec(make((Limb("base", None, (), ("base",)), Limb("stub", "base", (), ("stub",)))))
     assert [sensor.name for sensor in spec.sensors[-3:]] == [f"stub_{scalar}" for scalar in JOINT_SCALARS]
 
 
 @pytest.mark.parametrize("option", ["naming", "limb_names", "text_style"])
 def test_an_option_with_another_value_is_refused(option: str) -> None:
     with pytest.raises(ConfigError, match=f"{option} is 'both', expected one of"):
-        tokens(ARM, **{option: "both"})  # type: ignore[arg-type]
+        token_spec(ARM, **{option: "both"})  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("limited", [True, False])
 def test_a_slide_is_in_metres_throughout(limited: bool) -> None:
     joint = Joint("rail", "slide", limited, -0.5 * limited, 1.0 * limited)
-    spec = tokens(make((Limb("base", None, (), ("base",)), Limb("cart", "base", (joint,), ("cart",)))))
+    spec = token_spec(make((Limb("base", None, (), ("base",)), Limb("cart", "base", (joint,), ("cart",)))))
     assert [sensor.unit for sensor in spec.sensors[-3:]] == ["m", "m", "m"]
 
 
 def test_control_bounds_are_kept() -> None:
     arm = replace(ARM, actuators=(Actuator("m", "free", "free_joint", -2.0, 3.5, "N*m"),))
-    assert (tokens(arm).actuators[0].low, tokens(arm).actuators[0].high) == (-2.0, 3.5)
+    assert (token_spec(arm).actuators[0].low, token_spec(arm).actuators[0].high) == (-2.0, 3.5)

@@ -108,15 +108,3 @@ def test_a_missing_package_names_the_extra(
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(DependencyError, match=r'pip install "morphkit\[viewer\]"'):
         media.check_video_path(tmp_path / name)
-
-
-def test_the_temporary_file_keeps_the_ending(tmp_path: Path) -> None:
-    seen: list[Path] = []
-
-    def write(target: Path) -> None:
-        seen.append(target)
-        target.write_bytes(b"x")
-
-    media.write_in_one_step(tmp_path / "a.mp4", write)
-    assert seen[0].suffix == ".mp4"
-    assert (tmp_path / "a.mp4").read_bytes() == b"x"

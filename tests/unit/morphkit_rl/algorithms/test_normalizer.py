@@ -6,14 +6,14 @@ import numpy as np
 import torch
 
 from morphkit.registry import load
-from morphkit.tokens.spec import TokenSpec, tokens
+from morphkit.tokens.spec import TokenSpec, token_spec
 from morphkit_rl.algorithms.normalizer import CLIP, Normalizer, normalize
 
 
 def spec(name: str) -> TokenSpec:
     from morphkit.readers import read
 
-    return tokens(read(load(name)))
+    return token_spec(read(load(name)))
 
 
 def test_streamed_statistics_equal_those_of_all_rows_at_once() -> None:

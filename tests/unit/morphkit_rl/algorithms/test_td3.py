@@ -12,7 +12,7 @@ import torch
 from morphkit.errors import ConfigError
 from morphkit.readers import read
 from morphkit.registry import load
-from morphkit.tokens.spec import tokens
+from morphkit.tokens.spec import token_spec
 from morphkit_rl.algorithms.td3 import TD3, find_device, resolve_precision, saturation
 from morphkit_rl.buffers.replay_buffer import Batch
 from morphkit_rl.config.train_config import ModelConfig, TD3Config
@@ -24,7 +24,7 @@ SIZE = 8
 
 @pytest.fixture
 def layout() -> Layout:
-    specs = [tokens(read(load(name))) for name in ("hopper", "arm")]
+    specs = [token_spec(read(load(name))) for name in ("hopper", "arm")]
     return build_layout(specs, lambda texts: np.random.default_rng(0).standard_normal((len(texts), SIZE)).astype("f4"))
 
 

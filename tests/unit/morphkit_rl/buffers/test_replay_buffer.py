@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from morphkit.readers import read
-from morphkit.tokens.spec import tokens
+from morphkit.tokens.spec import token_spec
 from morphkit_rl.buffers.replay_buffer import Ring, sample
 
 
@@ -162,7 +162,7 @@ def test_ten_million_transitions_of_the_whole_benchmark_take_less_than_eight_gib
 
     names = [name for family in ("cheetah", "walker", "humanoid_2d", "hopper") for name in recipes(family)]
     assert len(names) == 32
-    specs = [tokens(read(load(name))) for name in names]
+    specs = [token_spec(read(load(name))) for name in names]
     share, capacity = 1000, 10_000_000
     for dtype, limit in (("float32", 4.5), ("float16", 2.3)):
         rings = [Ring(len(s.sensors), len(s.limbs), 8, capacity // 32 // share, dtype) for s in specs]

@@ -11,7 +11,7 @@ import torch
 
 from morphkit.readers import read
 from morphkit.registry import load
-from morphkit.tokens.spec import TokenSpec, tokens
+from morphkit.tokens.spec import TokenSpec, token_spec
 from morphkit_rl.config.train_config import ModelConfig
 from morphkit_rl.models import build
 from morphkit_rl.models.layout import Layout, build_layout
@@ -25,7 +25,7 @@ def embed(texts: Sequence[str]) -> np.ndarray:
 
 
 def spec(name: str) -> TokenSpec:
-    return tokens(read(load(name)))
+    return token_spec(read(load(name)))
 
 
 def networks(**changes: int) -> tuple[torch.nn.Module, torch.nn.Module]:

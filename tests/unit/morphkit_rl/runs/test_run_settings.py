@@ -19,7 +19,6 @@ from morphkit.registry import load
 from morphkit_rl.config.train_config import TrainConfig, load_config
 from morphkit_rl.evaluation.evaluate import evaluate
 from morphkit_rl.runs import checkpoint, run_settings
-from morphkit_rl.runs.files import write_text
 from morphkit_rl.runs.metrics_log import read_metrics
 from morphkit_rl.training.collector import Collector
 from morphkit_rl.training.session import Session
@@ -65,19 +64,6 @@ def test_the_commit_of_a_checkout_that_something_was_installed_into_is_not_recor
     git("commit", "-m", "a")
     assert run_settings._git_commit(tmp_path / "own.py") == git("rev-parse", "HEAD").strip()
     assert run_settings._git_commit(tmp_path / "installed.py") is None
-
-
-def test_a_file_that_cannot_be_written_whole_leaves_the_old_one_and_nothing_else(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(_: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    write_text(tmp_path / "file", "old")
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OSError, match="No space"):
-        write_text(tmp_path / "file", "new")
-    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("file", "old")]
 
 
 def test_a_run_folder_takes_one_process_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

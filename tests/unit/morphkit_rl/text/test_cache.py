@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from morphkit.errors import DependencyError
-from morphkit_rl.text.cache import _TABLE, EmbeddingCache, cache_folder
+from morphkit.utils.cache_dir import cache_dir
+from morphkit_rl.text.cache import _TABLE, EmbeddingCache
 from morphkit_rl.text.encoder import TextEncoder
 from tests.support.networks import TEXTS
 
@@ -21,7 +22,7 @@ def test_cache_folder_follows_the_environment(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setenv("MORPHKIT_CACHE", str(tmp_path))
     assert EmbeddingCache("m", 2).file.parent == tmp_path
     monkeypatch.delenv("MORPHKIT_CACHE")
-    assert cache_folder().name == "morphkit"
+    assert cache_dir().name == "morphkit"
 
 
 def test_a_user_without_a_home_goes_without_a_cache(

@@ -15,7 +15,7 @@ import torch
 from morphkit.errors import CheckpointError, ConfigError, OutputError, UnknownNameError
 from morphkit.readers import read
 from morphkit.registry import load
-from morphkit.tokens.spec import tokens
+from morphkit.tokens.spec import token_spec
 from morphkit_rl.algorithms.policy import Policy
 from morphkit_rl.config.train_config import TrainConfig, load_config
 from morphkit_rl.evaluation.evaluate import evaluate, record
@@ -90,7 +90,7 @@ def test_run_folder_tells_what_was_done(run: Path) -> None:
 def test_policy_acts_alone_and_in_batches_within_the_control_ranges(run: Path) -> None:
     policy = Policy.load(run)
     for name in ("arm", "hopper", "cheetah", "quadruped"):
-        spec = tokens(read(load(name)), naming=policy.config.text.naming, canonical=load(name).info.canonical)
+        spec = token_spec(read(load(name)), naming=policy.config.text.naming, canonical=load(name).info.canonical)
         obs = np.random.default_rng(0).standard_normal((4, len(spec.sensors)))
         actions = policy.act(spec, obs)
         assert actions.shape == (4, len(spec.actuators))
@@ -116,7 +116,7 @@ def test_robots_that_differ_in_what_their_file_includes_are_told_apart(run: Path
             '<mujoco><include file="motors.xml"/><worldbody><body name="base"><geom size=".1"/>'
             '<body name="leg"><joint name="hip"/><geom size=".1"/></body></body></worldbody></mujoco>'
         )
-        spec = tokens(read(load(folder / "robot.xml")))
+        spec = token_spec(read(load(folder / "robot.xml")))
         controls[bound] = policy.act(spec, np.ones(len(spec.sensors)))
     np.testing.assert_allclose(controls[50], 50 * controls[1], rtol=1e-5)
 

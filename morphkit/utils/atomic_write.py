@@ -1,0 +1,65 @@
+"""Files that are whole or not there at all: written under a temporary name, then renamed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from morphkit.errors import MorphkitError, OutputError
+
+
+def write_atomically(path: Path, write: Callable[[Path], object], *, durable: bool = False) -> Path:
+    """Let `write` fill a temporary file in the folder of `path`, then rename it; a failure leaves nothing behind.
+
+    Args:
+        path: The file, which is replaced where it exists.
+        write: Fills the file that it is given, whose name has the suffix of `path`.
+        durable: Whether the content is flushed to disk before the renaming, so that a power cut leaves the old file or
+            the new one.
+
+    Returns:
+        `path`.
+
+    Raises:
+        OSError: The disk is full or the folder cannot be written.
+    """
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    try:
+        write(temporary)
+        if durable:
+            flush(temporary)
+        temporary.replace(path)
+    finally:
+        if temporary.parent.is_dir():
+            temporary.unlink(missing_ok=True)
+    return path
+
+
+def write_text(path: Path, text: str, *, durable: bool = False) -> Path:
+    """`write_atomically` with UTF-8 text, line ends as they are."""
+    return write_atomically(path, lambda file: file.write_text(text, encoding="utf-8", newline=""), durable=durable)
+
+
+def write_output(path: Path, write: Callable[[Path], object]) -> Path:
+    """`write_atomically` for what a user asked for: the folder of `path` is made where it is missing.
+
+    Raises:
+        OutputError: The file cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return write_atomically(path, write)
+    except MorphkitError:
+        raise
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def flush(path: Path) -> None:
+    """Wait until what was written to a file is on disk, so that a power cut leaves it whole."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
