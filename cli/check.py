@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from morphkit.validation import Report, Severity
+    from morphkit.validation.findings import Report, Severity
 
 SCHEMA_VERSION = 1
 COLOURS = {"error": "bold red", "warning": "yellow", "info": "cyan"}
@@ -122,7 +122,7 @@ def _check(
     file: str, packages: Mapping[str, Path], xacro_args: Mapping[str, str], severity: Severity, *, deep: bool
 ) -> Report:
     from morphkit.errors import DescriptionError
-    from morphkit.validation import check as check_file
+    from morphkit.validation.check import check as check_file
 
     path, shown = Path(file), file
     if not path.exists():
@@ -140,7 +140,7 @@ def _check(
 
 
 def _explain(rule_id: str, *, as_json: bool) -> None:
-    from morphkit.validation import find_rule
+    from morphkit.validation.findings import find_rule
 
     rule = find_rule(rule_id)
     if as_json:

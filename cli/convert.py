@@ -13,7 +13,8 @@ from .table import table, terminal_width
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from morphkit.conversion import Conversion, Missing
+    from morphkit.conversion.convert import Conversion
+    from morphkit.conversion.unsupported import Missing
 
 SCHEMA_VERSION = 1
 SHOWN_NAMES = 4
@@ -50,9 +51,8 @@ def convert(
 
     What was added or changed is listed, and what stands in the URDF and has no counterpart in MJCF.
     """
-    from morphkit.conversion import convert as convert_description
-    from morphkit.conversion import write_conversion
-    from morphkit.conversion.write import check_target
+    from morphkit.conversion.convert import convert as convert_description
+    from morphkit.conversion.write import check_target, write_conversion
 
     check_target(output, force=force)
     (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg)

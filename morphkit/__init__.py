@@ -4,7 +4,8 @@
 
     robot = morphkit.load("cheetah")
     spec = morphkit.token_spec(morphkit.read(robot))
-    family = list(morphkit.sub_morphologies(robot))
+    variant = morphkit.ablate(robot, remove=["foot"])
+    family = list(morphkit.families.sub_morphologies(robot))
 
 Everything is imported on first use, so that `import morphkit` costs nothing.
 """
@@ -15,7 +16,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from morphkit.ablation.ablate import Loss, Variant, ablate
+    from morphkit import families
+    from morphkit.ablation.ablate import Variant, ablate
+    from morphkit.ablation.loss import Loss
+    from morphkit.comparison.compare import Comparison, compare
+    from morphkit.conversion.convert import Conversion, convert
+    from morphkit.conversion.write import write_conversion
     from morphkit.description import Description, RobotInfo
     from morphkit.errors import MorphkitError
     from morphkit.families.enumeration import sub_morphologies
@@ -24,32 +30,43 @@ if TYPE_CHECKING:
     from morphkit.morphology import Actuator, Joint, Limb, Morphology, Sensor
     from morphkit.readers import read
     from morphkit.registry import load, load_all, recipes, shipped
-    from morphkit.tokens.spec import ActuatorToken, SensorToken, TokenSpec
-    from morphkit.tokens.spec import token_spec as token_spec
+    from morphkit.tokens.spec import ActuatorToken, SensorToken, TokenSpec, token_spec
+    from morphkit.validation.check import check
+    from morphkit.validation.findings import Finding, Report
 
 _MODULES = {
-    "morphkit.ablation.ablate": ("Loss", "Variant", "ablate"),
+    "morphkit.ablation.ablate": ("Variant", "ablate"),
+    "morphkit.ablation.loss": ("Loss",),
+    "morphkit.comparison.compare": ("Comparison", "compare"),
+    "morphkit.conversion.convert": ("Conversion", "convert"),
+    "morphkit.conversion.write": ("write_conversion",),
     "morphkit.description": ("Description", "RobotInfo"),
     "morphkit.errors": ("MorphkitError",),
     "morphkit.families.enumeration": ("sub_morphologies",),
-    "morphkit.io": ("read",),
     "morphkit.families.manifest": ("read_manifest",),
-    "morphkit.morphology": ("Actuator", "Joint", "Limb", "Morphology", "Sensor"),
-    "morphkit.registry": ("load", "load_all", "recipes", "shipped"),
     "morphkit.families.write": ("write_family",),
-    "morphkit.tokens.spec": ("ActuatorToken", "SensorToken", "TokenSpec"),
+    "morphkit.morphology": ("Actuator", "Joint", "Limb", "Morphology", "Sensor"),
+    "morphkit.readers": ("read",),
+    "morphkit.registry": ("load", "load_all", "recipes", "shipped"),
+    "morphkit.tokens.spec": ("ActuatorToken", "SensorToken", "TokenSpec", "token_spec"),
+    "morphkit.validation.check": ("check",),
+    "morphkit.validation.findings": ("Finding", "Report"),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [
     "Actuator",
     "ActuatorToken",
+    "Comparison",
+    "Conversion",
     "Description",
+    "Finding",
     "Joint",
     "Limb",
     "Loss",
     "MorphkitError",
     "Morphology",
+    "Report",
     "RobotInfo",
     "Sensor",
     "SensorToken",
@@ -57,6 +74,10 @@ __all__ = [
     "Variant",
     "__version__",
     "ablate",
+    "check",
+    "compare",
+    "convert",
+    "families",
     "load",
     "load_all",
     "read",
@@ -65,6 +86,7 @@ __all__ = [
     "shipped",
     "sub_morphologies",
     "token_spec",
+    "write_conversion",
     "write_family",
 ]
 
@@ -74,8 +96,8 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("morphkit")
-    if name == "token_spec":
-        return importlib.import_module("morphkit.tokens.spec").tokens
+    if name == "families":
+        return importlib.import_module("morphkit.families")
     if name not in _HOME:
         raise AttributeError(f"module 'morphkit' has no attribute {name!r}")
     return getattr(importlib.import_module(_HOME[name]), name)

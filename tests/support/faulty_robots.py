@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from morphkit.validation import check
+from morphkit.validation.check import check
 from morphkit.validation.findings import Report
 
 GOOD_INERTIA = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'

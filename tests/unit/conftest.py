@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from morphkit.conversion import Conversion, convert, write_conversion
+from morphkit.conversion.convert import Conversion, convert
+from morphkit.conversion.write import write_conversion
 from morphkit.errors import DependencyError
 from morphkit.registry import load
 from morphkit.viewer import offscreen

@@ -9,7 +9,8 @@ import mujoco
 import pytest
 
 import morphkit
-from morphkit.conversion import Conversion, convert, write_conversion
+from morphkit.conversion.convert import Conversion, convert
+from morphkit.conversion.write import write_conversion
 from morphkit.errors import ConfigError, OutputError
 from morphkit_cli.main import run
 

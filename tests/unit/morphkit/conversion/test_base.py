@@ -8,7 +8,7 @@ import mujoco
 import pytest
 
 import morphkit
-from morphkit.conversion import convert
+from morphkit.conversion.convert import convert
 from morphkit.errors import ConfigError
 from morphkit.morphology import Base
 

@@ -11,7 +11,8 @@ import trimesh
 import yourdfpy
 
 import morphkit
-from morphkit.conversion import Conversion, convert, write_conversion
+from morphkit.conversion.convert import Conversion, convert
+from morphkit.conversion.write import write_conversion
 from morphkit.errors import AssetError
 from morphkit.simulation.build import build
 from morphkit.simulation.mesh_files import load_mesh

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from morphkit.conversion import convert
+from morphkit.conversion.convert import convert
 from morphkit.conversion.timestep import holds
 from morphkit.description import Description
 from morphkit.simulation.completion import settle_urdf

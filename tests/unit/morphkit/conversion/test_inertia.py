@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import morphkit
-from morphkit.conversion import convert
+from morphkit.conversion.convert import convert
 from morphkit.conversion.inertia import possible_moments
 from morphkit.errors import DescriptionError
 from tests.support.everything_urdf import EVERYTHING, robot

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from morphkit.conversion import convert
+from morphkit.conversion.convert import convert
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError, MorphkitError
 from morphkit.formats import limits, xml

@@ -14,7 +14,7 @@ from morphkit.families.write import write_family
 from morphkit.readers import read
 from morphkit.registry import load, load_all
 from morphkit.simulation.build import compile_plain
-from morphkit.validation import check
+from morphkit.validation.check import check
 
 PARENT = """<mujoco><compiler meshdir="parent"/>
 <asset><mesh name="box" file="box.stl"/><model name="arm" file="arms/arm.xml"/></asset>

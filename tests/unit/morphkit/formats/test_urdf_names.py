@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from morphkit.ablation.ablate import ablate
-from morphkit.conversion import convert
+from morphkit.conversion.convert import convert
 from morphkit.description import Description
 from morphkit.errors import DescriptionError
 from morphkit.readers import read

@@ -10,11 +10,12 @@ import pytest
 import trimesh
 
 import morphkit
-from morphkit.conversion import convert, write_conversion
+from morphkit.conversion.convert import convert
+from morphkit.conversion.write import write_conversion
 from morphkit.errors import AssetError
 from morphkit.simulation.inspection_model import load_mechanics
 from morphkit.simulation.mesh_files import load_mesh, up_axis
-from morphkit.validation import check
+from morphkit.validation.check import check
 
 # A tetrahedron whose corners are at 0, 1 x, 2 y and 3 z, moved along y by its node.
 COLLADA = """<?xml version="1.0" encoding="utf-8"?>

@@ -9,7 +9,7 @@ import mujoco
 import pytest
 import trimesh
 
-from morphkit.conversion import convert
+from morphkit.conversion.convert import convert
 from morphkit.description import Description
 from morphkit.errors import DescriptionError
 from morphkit.simulation.build import build

@@ -17,7 +17,8 @@ import pytest
 import trimesh
 
 import morphkit
-from morphkit.conversion import Conversion, convert, write_conversion
+from morphkit.conversion.convert import Conversion, convert
+from morphkit.conversion.write import write_conversion
 from morphkit.errors import OutputError
 from morphkit.families.write import write_family
 from morphkit.utils import staging

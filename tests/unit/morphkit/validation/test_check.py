@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from morphkit.validation import rules
-from morphkit.validation.findings import Report
+from morphkit.validation.findings import Report, rules
 from tests.support.faulty_robots import BALL, LIMIT, check_text, inertial, lines_of, mjcf, moments, urdf, visual
 
 

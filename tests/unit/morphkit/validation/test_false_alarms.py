@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from morphkit.registry import shipped
-from morphkit.validation import check
+from morphkit.validation.check import check
 from tests.support.faulty_robots import BALL, LIMIT, check_text, inertial, lines_of, moments, urdf
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from morphkit.errors import DescriptionError, UnknownNameError
-from morphkit.validation import check, find_rule, rules
-from morphkit.validation.findings import MAX_PER_RULE
+from morphkit.validation.check import check
+from morphkit.validation.findings import MAX_PER_RULE, find_rule, rules
 from morphkit.validation.findings_page import reference
 from morphkit.validation.sarif import to_sarif
 from tests.support.faulty_robots import LIMIT, check_text, inertial, lines_of, mjcf, urdf
