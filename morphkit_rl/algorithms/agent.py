@@ -14,6 +14,7 @@ from torch import Tensor
 from morphkit.errors import CheckpointError
 from morphkit.tokens.spec import TokenSpec
 from morphkit_rl.algorithms.normalizer import Normalizer
+from morphkit_rl.algorithms.return_normalizer import ReturnNormalizer
 from morphkit_rl.algorithms.td3 import TD3, resolve_precision
 from morphkit_rl.buffers.replay_buffer import Batch
 from morphkit_rl.config.train_config import TrainConfig
@@ -33,10 +34,12 @@ class View:
     Attributes:
         layout: Where their tokens, limbs and actions stand.
         quantities: Row of observation statistics of each token.
+        robots: Number of each robot among those of training; -1 for others.
     """
 
     layout: Layout
     quantities: np.ndarray
+    robots: np.ndarray
 
 
 class Agent:
@@ -63,11 +66,14 @@ class Agent:
             self.check(spec)
         texts = [text for spec in specs for text in spec.texts]
         source = controlled(run_settings.make_encoder(config), config.text.control, self.vocabulary.texts)
-        self.embedder = TokenEmbedder.fit(source, texts, standardize=config.text.standardize)
+        self.embedder = TokenEmbedder.fit(
+            source, texts, standardize=config.text.standardize, components=config.text.components
+        )
         self.learner = TD3(
             config.model,
             config.td3,
             self.embedder.size,
+            learner=config.learner,
             vocabulary=self.vocabulary,
             tune=make_tuner(config.text.tune, self.embedder, self.vocabulary.texts),
             device=device,
@@ -75,9 +81,15 @@ class Agent:
         )
         self.normalizer = Normalizer()
         self.normalizer.index(specs, grow=True)
+        self.returns = None
+        if config.learner.normalize_returns:
+            self.returns = ReturnNormalizer(
+                len(specs), config.trainer.num_envs, config.td3.discount, config.learner.support
+            )
         self.robots = self.view(specs)
         self.each = [self.view([spec]) for spec in specs]
         self._standard: dict[View, tuple[Tensor | None, Tensor | None]] = {}
+        self._reward_scale: dict[View, Tensor] = {}
 
     def check(self, spec: TokenSpec) -> None:
         """Raise ConfigError where the method, made for the training robots, cannot express the robot `spec`."""
@@ -92,26 +104,40 @@ class Agent:
         for spec in specs:
             self.check(spec)
         layout = build_layout(specs, self.embedder, self.device, actions=self.method.actions)
-        return View(layout, self.normalizer.index(specs))
+        place = {name: number for number, name in enumerate(self.vocabulary.robots)}
+        robots = np.array([place.get(spec.morphology, -1) for spec in specs])
+        return View(layout, self.normalizer.index(specs), robots)
 
     def observe(self, obs: np.ndarray) -> None:
         """Add observations (batch, tokens) of all training robots to the statistics; see `refresh`."""
         if self.config.trainer.normalize:
             self.normalizer.update(obs, self.robots.quantities)
 
+    def observe_rewards(self, reward: Sequence[np.ndarray], ended: np.ndarray) -> None:
+        """Add the rewards of a step, one array (environments,) a robot, to the statistics of returns; see `refresh`.
+
+        Args:
+            reward: Rewards.
+            ended: (robots, environments) whether the episode ended.
+        """
+        if self.returns is not None:
+            self.returns.update(np.stack(reward), ended)
+
     def refresh(self) -> None:
         """From now on, standardise with the statistics of all that was observed so far."""
         self._standard.clear()
+        self._reward_scale.clear()
 
-    def act(self, obs: np.ndarray, view: View | None = None) -> np.ndarray:
+    def act(self, obs: np.ndarray, view: View | None = None, *, final: bool = False) -> np.ndarray:
         """Noise-free actions in [-1, 1] (batch, actions) at raw observations (batch, tokens) of the robots of `view`.
 
         Args:
             obs: Observations.
             view: The robots; default: all training robots.
+            final: Whether the actor acts that is kept in the end; see `TD3.act`.
         """
         view = view or self.robots
-        return self.learner.act(obs, *self._scale_and_shift(view), view.layout)
+        return self.learner.act(obs, *self._scale_and_shift(view), view.layout, final=final)
 
     def update(
         self, batch: Batch, rng: np.random.Generator, view: View | None = None, number: int | None = None
@@ -128,7 +154,9 @@ class Agent:
             The losses.
         """
         view = view or self.robots
-        return self.learner.update(batch, *self._scale_and_shift(view), view.layout, rng, number)
+        return self.learner.update(
+            batch, *self._scale_and_shift(view), view.layout, rng, number, self._scale_of_rewards(view)
+        )
 
     def arrays(self) -> dict[str, dict[str, np.ndarray]]:
         """Everything of a checkpoint that is large: arrays by name, a group a file."""
@@ -139,8 +167,12 @@ class Agent:
                 **{f"normalizer/{key}": array for key, array in self.normalizer.state_dict().items()},
                 "embedding/mean": self.embedder.mean,
                 "embedding/std": self.embedder.std,
+                **({} if self.embedder.components is None else {"embedding/components": self.embedder.components}),
             },
-            "learner": checkpoint.module_arrays(networks),
+            "learner": {
+                **checkpoint.module_arrays(networks),
+                **{f"returns/{key}": a for key, a in (self.returns.state_dict() if self.returns else {}).items()},
+            },
             "optimizer": checkpoint.optimizer_arrays(self.learner.optimizers()),
         }
 
@@ -171,6 +203,9 @@ class Agent:
         statistics = {key: policy[f"normalizer/{key}"] for key in ("count", "mean", "m2")}
         self.normalizer.load_state_dict(statistics, state["quantities"])
         self.embedder.mean, self.embedder.std = policy["embedding/mean"], policy["embedding/std"]
+        self.embedder.components = policy.get("embedding/components")
+        if self.returns is not None:
+            self.returns.load_state_dict({key: rest[f"returns/{key}"] for key in self.returns.state_dict()})
         self.learner.updates, self.learner.precision = state["updates"], state["precision"]
         self.refresh()
 
@@ -182,3 +217,10 @@ class Agent:
             scale, shift = (torch.from_numpy(array).to(self.device) for array in arrays)
             self._standard[view] = scale, shift
         return self._standard[view]
+
+    def _scale_of_rewards(self, view: View) -> Tensor | None:
+        if self.returns is None:
+            return None
+        if view not in self._reward_scale:
+            self._reward_scale[view] = torch.from_numpy(self.returns.scale()[view.robots]).to(self.device)
+        return self._reward_scale[view]

@@ -79,7 +79,7 @@ class Policy:
         except KeyError as error:
             raise CheckpointError(f"{folder}: damaged: it lacks {error}") from None
         encoder = controlled(run_settings.make_encoder(config), config.text.control, vocabulary.texts)
-        embedder = TokenEmbedder(encoder, mean, std)
+        embedder = TokenEmbedder(encoder, mean, std, arrays.get("embedding/components"))
         normalizer = Normalizer()
         normalizer.load_state_dict(statistics, quantities)
         if embedder.mean.shape != (encoder.size,):
@@ -90,7 +90,7 @@ class Policy:
         method = find(config.model.method)
         checkpoint.check_method(folder, state, method.name)
         tune = make_tuner(config.text.tune, embedder, vocabulary.texts)
-        actor, _ = method.build(config.model, encoder.size, vocabulary, tune)
+        actor, _ = method.build(config.model, embedder.size, vocabulary, tune)
         checkpoint.load_modules({"actor": actor}, arrays, folder / "policy.safetensors")
         return cls(actor, normalizer, embedder, config, [robot["name"] for robot in saved["robots"]], vocabulary)
 

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import deepcopy
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
 from morphkit.errors import ConfigError
+from morphkit_rl.algorithms.critic_losses import make_critic_loss
 from morphkit_rl.algorithms.normalizer import normalize
 from morphkit_rl.buffers.replay_buffer import Batch
+from morphkit_rl.config.learner_config import LearnerConfig
 from morphkit_rl.config.train_config import ModelConfig, TD3Config
 from morphkit_rl.models import build
 from morphkit_rl.models.blocks import set_precision
 from morphkit_rl.models.layout import Layout
+from morphkit_rl.models.perceptron_critic import build_perceptron_critic
 from morphkit_rl.models.vocabulary import Vocabulary
 
 
@@ -25,6 +29,7 @@ class TD3:
     Args:
         model: Size of the networks.
         config: Hyperparameters.
+        learner: Critics, their loss and step sizes; default: those of TD3 and the method.
         embedding_size: Size of a token's text embedding.
         vocabulary: What the method must know of the training robots.
         tune: Makes a network's own text embeddings; None: they are frozen.
@@ -32,7 +37,7 @@ class TD3:
         precision: `float32`, or `bfloat16` for the transformer layers; parameters are float32.
 
     Raises:
-        ConfigError: The device cannot be used, or the method or a size is impossible.
+        ConfigError: The device cannot be used, the method or a size is impossible, or settings contradict each other.
     """
 
     def __init__(
@@ -41,15 +46,17 @@ class TD3:
         config: TD3Config,
         embedding_size: int,
         *,
+        learner: LearnerConfig | None = None,
         vocabulary: Vocabulary | None = None,
         tune: Callable[[], nn.Module] | None = None,
         device: str = "cpu",
         precision: str = "float32",
     ):
-        self.config = config
+        self.config, self.options = config, learner or LearnerConfig()
         self.device = find_device(device)
         self.precision = precision
-        self._build = lambda: build(model, embedding_size, vocabulary, tune)
+        self.critic_loss = make_critic_loss(self.options, self.device)
+        self._build = lambda: build_networks(model, self.options, embedding_size, vocabulary, tune)
         actor, critic = self._build()
         for network in (actor, critic):
             set_precision(network, getattr(torch, precision))
@@ -58,8 +65,12 @@ class TD3:
             deepcopy(net).requires_grad_(False) for net in (self.actor, self.critic)
         )
         fused = self.device.type in ("cpu", "cuda")
-        self.actor_optimizer = torch.optim.Adam(self.actor.parameters(), config.learning_rate, fused=fused)
-        self.critic_optimizer = torch.optim.Adam(self.critic.parameters(), config.learning_rate, fused=fused)
+        self._rates = config.learning_rate, self.options.critic_learning_rate or config.learning_rate
+        self.actor_optimizer, self.critic_optimizer = (
+            torch.optim.Adam(net.parameters(), rate, fused=fused)
+            for net, rate in zip((self.actor, self.critic), self._rates, strict=True)
+        )
+        self.actor_average = deepcopy(self.actor_target) if self.options.actor_average > 0 else None
         self.updates = 0
 
     def update(
@@ -70,6 +81,7 @@ class TD3:
         layout: Layout,
         rng: np.random.Generator,
         number: int | None = None,
+        reward_scale: Tensor | None = None,
     ) -> dict[str, Tensor]:
         """Update the critics, and every `policy_delay`-th time the actor and the targets.
 
@@ -82,6 +94,7 @@ class TD3:
             layout: The robots.
             rng: Source of the target noise.
             number: Which update it is, from 0, for `policy_delay`; default: that of all so far.
+            reward_scale: (robots,) factors on rewards, beside `td3.reward_scale`; None for 1.
 
         Returns:
             Scalars: `critic_loss` and `q_mean`, with `actor_loss` where the actor was updated.
@@ -96,21 +109,25 @@ class TD3:
         share = 1 / (layout.num_robots * values[robot])
         with torch.no_grad():
             next_action = (self.actor_target(next_obs, layout) + noise).clamp(-1, 1)
-            next_q = self.critic_target(next_obs, next_action, layout).amin(0)
-            reward = self._tensor(batch.reward) * self.config.reward_scale
-            target = reward[:, robot] + self._tensor(batch.discount)[:, robot] * next_q
-        q = self.critic(obs, action, layout)
-        critic_loss = ((q - target).square().mean(1) * share).sum()
+            next_output = self.critic_target(next_obs, next_action, layout)
+            scale_of_rewards = self.config.reward_scale * (1.0 if reward_scale is None else reward_scale)
+            reward = self._tensor(batch.reward) * scale_of_rewards
+            target = self.critic_loss.target(next_output, reward[:, robot], self._tensor(batch.discount)[:, robot])
+        output = self.critic(obs, action, layout)
+        critic_loss = (self.critic_loss.error(output, target).mean(1) * share).sum()
         self._step(critic_loss, self.critic_optimizer, self.critic)
+        q = self.critic_loss.expectation(output.detach())
+        unscaled = share if reward_scale is None else share / reward_scale[robot]
         losses = {
             "critic_loss": critic_loss.detach(),
-            "q_mean": (q.detach().mean((0, 1)) * share).sum() / self.config.reward_scale,
+            "q_mean": (q.mean((0, 1)) * unscaled).sum() / self.config.reward_scale,
         }
         first = 0 if self.config.actor_first else self.config.policy_delay - 1
         if (self.updates if number is None else number) % self.config.policy_delay == first:
             self.critic.requires_grad_(False)
             actor_action = self.actor(obs, layout)
-            q = self.critic(obs, actor_action, layout, members=1)[0]
+            members = 1 if self.options.actor_objective == "first" else 2
+            q = self.critic_loss.expectation(self.critic(obs, actor_action, layout, members=members)).mean(0)
             self.critic.requires_grad_(True)
             actor_loss = -(q.mean(0) * share).sum()
             if self.config.saturation_penalty > 0:
@@ -118,22 +135,43 @@ class TD3:
             self._step(actor_loss, self.actor_optimizer, self.actor)
             losses["actor_loss"] = actor_loss.detach()
             for target_net, net in ((self.actor_target, self.actor), (self.critic_target, self.critic)):
-                with torch.no_grad():
-                    torch._foreach_lerp_(list(target_net.parameters()), list(net.parameters()), self.config.tau)
+                polyak(target_net, net, self.config.tau)
+            if self.actor_average is not None:
+                polyak(self.actor_average, self.actor, 1 - self.options.actor_average)
         self.updates += 1
         if self.config.reset_updates and self.updates % self.config.reset_updates == 0:
             self._reset(rng)
         return losses
 
     @torch.no_grad()
-    def act(self, obs: np.ndarray, scale: Tensor | None, shift: Tensor | None, layout: Layout) -> np.ndarray:
-        """Noise-free actions in [-1, 1] (batch, actions) at raw observations (batch, tokens)."""
-        return self.actor(normalize(self._tensor(obs), scale, shift), layout).cpu().numpy()
+    def act(
+        self, obs: np.ndarray, scale: Tensor | None, shift: Tensor | None, layout: Layout, *, final: bool = False
+    ) -> np.ndarray:
+        """Noise-free actions in [-1, 1] (batch, actions) at raw observations (batch, tokens).
+
+        Args:
+            obs: Observations.
+            scale: As in `update`.
+            shift: As in `update`.
+            layout: The robots.
+            final: Whether the actor acts that is kept in the end: the average of weights, if there is one.
+        """
+        actor = self.actor_average if final and self.actor_average is not None else self.actor
+        return actor(normalize(self._tensor(obs), scale, shift), layout).cpu().numpy()
+
+    def set_rates(self, used: float) -> None:
+        """Set the step sizes for a moment when the share `used` of the budget is used up."""
+        left = 1 - (1 - self.options.final_learning_rate) * used
+        for optimizer, rate in zip((self.actor_optimizer, self.critic_optimizer), self._rates, strict=True):
+            for group in optimizer.param_groups:
+                group["lr"] = rate * left
 
     def networks(self) -> dict[str, nn.Module]:
-        """The networks by name."""
+        """The networks by name; `actor` is the one that is kept in the end."""
+        averaged = {} if self.actor_average is None else {"actor_online": self.actor}
         return {
-            "actor": self.actor,
+            "actor": self.actor if self.actor_average is None else self.actor_average,
+            **averaged,
             "critic": self.critic,
             "actor_target": self.actor_target,
             "critic_target": self.critic_target,
@@ -167,6 +205,32 @@ class TD3:
         if self.config.gradient_clip > 0:
             nn.utils.clip_grad_norm_(net.parameters(), self.config.gradient_clip)
         optimizer.step()
+
+
+def build_networks(
+    model: ModelConfig,
+    learner: LearnerConfig,
+    embedding_size: int,
+    vocabulary: Vocabulary | None = None,
+    tune: Callable[[], nn.Module] | None = None,
+) -> tuple[Any, Any]:
+    """The actor of a method, and the twin critics of the method or of the learner.
+
+    Raises:
+        ConfigError: There is no such method, or its critics cannot give categorical values.
+    """
+    actor, critic = build(model, embedding_size, vocabulary, tune)
+    if learner.critic == "perceptron":
+        return actor, build_perceptron_critic(learner, vocabulary or Vocabulary())
+    if learner.value == "categorical":
+        raise ConfigError("learner.value = 'categorical' needs learner.critic = 'perceptron'")
+    return actor, critic
+
+
+@torch.no_grad()
+def polyak(average: nn.Module, net: nn.Module, share: float) -> None:
+    """Move a network's running average by `share` towards it."""
+    torch._foreach_lerp_(list(average.parameters()), list(net.parameters()), share)
 
 
 def find_device(name: str) -> torch.device:

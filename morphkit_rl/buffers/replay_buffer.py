@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -31,6 +31,12 @@ class Batch:
     reward: np.ndarray
     next_obs: np.ndarray
     discount: np.ndarray
+
+    def split(self, parts: int) -> Iterator[Batch]:
+        """The batch in so many parts of equal size."""
+        size = len(self.obs) // parts
+        for first in range(0, parts * size, size):
+            yield Batch(*(getattr(self, field)[first : first + size] for field in Batch.__slots__))
 
 
 class Finals:

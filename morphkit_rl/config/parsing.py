@@ -63,9 +63,9 @@ def build(kind: type[Any], values: Mapping[str, Any], origin: str, section: str 
 _AT_LEAST_ONE = (
     "batch_size", "n_step", "policy_delay", "num_envs", "updates_per_sweep",
     "replay_capacity", "evaluate_episodes", "d_model", "layers", "heads", "feedforward",
-    "code_size", "token_size", "message_size",
+    "code_size", "token_size", "message_size", "critic_width", "critic_layers",
 )  # fmt: skip
-_AT_MOST_ONE = ("discount", "tau")
+_AT_MOST_ONE = ("discount", "tau", "final_learning_rate", "actor_average")
 
 
 def _check(hint: Any, value: Any, where: str) -> Any:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from morphkit.errors import ConfigError, UnknownNameError
+from morphkit_rl.config.learner_config import LearnerConfig
 from morphkit_rl.config.parsing import build, lists_for_tuples, override
 
 
@@ -25,6 +26,8 @@ class TextConfig:
         limb_names: Whether limbs are called by their body (link) or by their joint.
         style: Whether texts are words or, as in published code, names with their underscores.
         standardize: Whether embeddings are standardised over the training texts; published code takes them as they are.
+        components: Principal components of the training texts' embeddings that are kept; 0 for the embeddings as they
+            are. Fewer make name-conditioned weights cheaper.
         control: `none`, or what stands in for the embeddings to see whether the text matters: `random` vectors,
             `shuffled` ones of other training texts, or `one-hot` numbers of training texts.
         tune: Whether embeddings stay `frozen`, get a learned `residual` each, or the whole `encoder` learns; texts that
@@ -37,6 +40,7 @@ class TextConfig:
     limb_names: Literal["body", "joint"] = "body"
     style: Literal["words", "raw"] = "words"
     standardize: bool = True
+    components: int = 0
     control: Literal["none", "random", "shuffled", "one-hot"] = "none"
     tune: Literal["frozen", "residual", "encoder"] = "frozen"
 
@@ -165,6 +169,7 @@ class TrainConfig:
     text: TextConfig = field(default_factory=TextConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
     td3: TD3Config = field(default_factory=TD3Config)
+    learner: LearnerConfig = field(default_factory=LearnerConfig)
     trainer: TrainerConfig = field(default_factory=TrainerConfig)
 
     def to_dict(self) -> dict[str, dict[str, Any]]:

@@ -20,6 +20,7 @@ class Vocabulary:
         texts: Sorted distinct texts of both.
         scalars: Most scalars in a limb.
         children: Most children of a limb.
+        robots: Names of the robots, in order.
     """
 
     sensors: tuple[str, ...] = ()
@@ -27,6 +28,7 @@ class Vocabulary:
     texts: tuple[str, ...] = ()
     scalars: int = 0
     children: int = 0
+    robots: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, specs: Sequence[TokenSpec]) -> Vocabulary:
@@ -45,13 +47,14 @@ class Vocabulary:
                     name, text = limb_action(spec, limb)
                     actions.add(name)
                     texts.add(text)
-        return cls(tuple(sorted(sensors)), tuple(sorted(actions)), tuple(sorted(texts)), scalars, children)
+        names = tuple(spec.morphology for spec in specs)
+        return cls(tuple(sorted(sensors)), tuple(sorted(actions)), tuple(sorted(texts)), scalars, children, names)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Vocabulary:
         """Read what `to_dict` gave, also after a journey through JSON."""
         sensors, actions, texts = (tuple(values[key]) for key in ("sensors", "actions", "texts"))
-        return cls(sensors, actions, texts, values["scalars"], values["children"])
+        return cls(sensors, actions, texts, values["scalars"], values["children"], tuple(values.get("robots", ())))
 
     def to_dict(self) -> dict[str, Any]:
         """The fields as JSON can hold them."""

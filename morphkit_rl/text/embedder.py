@@ -19,25 +19,56 @@ class TokenEmbedder:
         source: The frozen text encoder, or what stands in for it.
         mean: (size,) mean over the training texts.
         std: (size,) standard deviation over the training texts.
+        components: (size, kept) matrix onto principal components; None keeps the standardised embeddings.
     """
 
-    def __init__(self, source: Source, mean: np.ndarray, std: np.ndarray):
-        self.source, self.mean, self.std = source, mean, std
+    def __init__(self, source: Source, mean: np.ndarray, std: np.ndarray, components: np.ndarray | None = None):
+        self.source, self.mean, self.std, self.components = source, mean, std, components
 
     @classmethod
-    def fit(cls, source: Source, texts: Sequence[str], *, standardize: bool = True) -> TokenEmbedder:
-        """Take mean and standard deviation over the distinct `texts`; without `standardize`, 0 and 1."""
-        if not standardize:
-            return cls(source, np.zeros(source.size, np.float32), np.ones(source.size, np.float32))
-        embeddings = source.encode(sorted(set(texts))).astype(np.float64)
-        mean, std = embeddings.mean(0), embeddings.std(0)
-        return cls(source, mean.astype(np.float32), np.maximum(std, 1e-3 * std.max() + 1e-6).astype(np.float32))
+    def fit(
+        cls, source: Source, texts: Sequence[str], *, standardize: bool = True, components: int = 0
+    ) -> TokenEmbedder:
+        """Make the embedder for training texts.
+
+        Args:
+            source: The frozen text encoder.
+            texts: The training texts; duplicates count once.
+            standardize: Whether to take mean and standard deviation over them; else 0 and 1.
+            components: Principal components to keep; 0 for all numbers of an embedding. There are at most as many as
+                texts. They are scaled together, so that their mean square is 1.
+        """
+        distinct = sorted(set(texts))
+        mean, std = np.zeros(source.size, np.float32), np.ones(source.size, np.float32)
+        if standardize:
+            embeddings = source.encode(distinct).astype(np.float64)
+            spread = embeddings.std(0)
+            mean = embeddings.mean(0).astype(np.float32)
+            std = np.maximum(spread, 1e-3 * spread.max() + 1e-6).astype(np.float32)
+        embedder = cls(source, mean, std)
+        if components:
+            embedder.components = principal_components(embedder(distinct), components)
+        return embedder
 
     @property
     def size(self) -> int:
         """Size of an embedding."""
-        return self.source.size
+        return self.source.size if self.components is None else self.components.shape[1]
 
     def __call__(self, texts: Sequence[str]) -> np.ndarray:
         """float32 (texts, size)."""
-        return (self.source.encode(texts) - self.mean) / self.std
+        standardized = (self.source.encode(texts) - self.mean) / self.std
+        return standardized if self.components is None else standardized @ self.components
+
+
+def principal_components(embeddings: np.ndarray, kept: int) -> np.ndarray:
+    """Matrix (size, kept) that maps embeddings (texts, size) onto the directions in which they vary most.
+
+    What it gives for these embeddings has a mean square of 1. Fewer columns where there are fewer texts or numbers.
+    """
+    centered = embeddings.astype(np.float64) - embeddings.mean(0, dtype=np.float64)
+    _, sizes, directions = np.linalg.svd(centered, full_matrices=False)
+    matrix = directions[:kept].T
+    matrix = matrix * np.sign(matrix[np.abs(matrix).argmax(0), np.arange(matrix.shape[1])])
+    size = np.sqrt(np.square(sizes[:kept]).sum() / (len(embeddings) * matrix.shape[1]))
+    return (matrix / max(size, 1e-6)).astype(np.float32)

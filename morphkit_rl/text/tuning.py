@@ -40,6 +40,8 @@ class TunedEncoder(nn.Module):
         super().__init__()
         if not isinstance(embedder.source, TextEncoder):
             raise ConfigError("text.tune = 'encoder' needs a text encoder, so text.control = 'none'")
+        if embedder.components is not None:
+            raise ConfigError("text.tune = 'encoder' needs whole embeddings, so text.components = 0")
         self.rows, self.known, self.pooling = _Rows(known), list(known), embedder.source.pooling
         tokenize, network = embedder.source.trainable()
         self.network = network

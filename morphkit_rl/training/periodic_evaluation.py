@@ -95,4 +95,4 @@ class Monitor:
         return self._env
 
     def _act(self, obs: list[np.ndarray]) -> list[np.ndarray]:
-        return self._rows.to_controls(self.agent.act(np.concatenate(obs, axis=1), self._view))
+        return self._rows.to_controls(self.agent.act(np.concatenate(obs, axis=1), self._view, final=True))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Protocol
 
 import numpy as np
 from torch import Tensor
 
 from morphkit_rl.algorithms.agent import Agent
-from morphkit_rl.buffers.replay_buffer import sample
+from morphkit_rl.buffers.replay_buffer import Batch, sample
 from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.training.collector import Collector
 
@@ -63,6 +63,7 @@ class Sweeps:
         action = _explore(self.config, self.agent, self.collector, self.rng)
         step = self.collector.advance(action)
         self.agent.observe(self.collector.obs)
+        self.agent.observe_rewards(step.reward, np.stack(step.terminated) | np.stack(step.truncated))
         self.collector.store(action, step)
         self.collector.steps += self._first.size
         for episode in step.episodes:
@@ -71,11 +72,18 @@ class Sweeps:
             self._first[episode.robot, episode.env] = False
         losses: dict[str, Tensor] = {}
         if not warm_up:
-            td3, share = self.config.td3, -(-self.config.td3.batch_size // len(self.collector.robots))
-            for _ in range(self.config.trainer.updates_per_sweep):
-                batch = sample(self.collector.rings, share, td3.n_step, td3.discount, self.rng)
+            for batch in self._batches():
                 losses.update(self.agent.update(batch, self.rng))
         return losses
+
+    def _batches(self) -> Iterator[Batch]:
+        td3, updates = self.config.td3, self.config.trainer.updates_per_sweep
+        share = -(-td3.batch_size // len(self.collector.robots))
+        if self.config.learner.sample_ahead:
+            yield from sample(self.collector.rings, share * updates, td3.n_step, td3.discount, self.rng).split(updates)
+            return
+        for _ in range(updates):
+            yield sample(self.collector.rings, share, td3.n_step, td3.discount, self.rng)
 
     def state(self) -> dict[str, Any]:
         """Which environments are in their first episode."""
@@ -156,6 +164,7 @@ class Rounds:
                 self.collector.report(episode)
             self._over[episode.robot, episode.env] = True
         whole = bool(self._over.all())
+        self.agent.observe_rewards(step.reward, np.stack(step.terminated) | np.stack(step.truncated) | whole)
         self.collector.store(action, step, cut=whole)
         if whole:
             self.agent.refresh()
@@ -186,5 +195,14 @@ def _explore(config: TrainConfig, agent: Agent, collector: Collector, rng: np.ra
     shape = (collector.num_envs, collector.layout.num_actions)
     if _warm_up(config, collector):
         return rng.uniform(-1, 1, shape).astype(np.float32)
-    noise = rng.standard_normal(shape, dtype=np.float32) * config.td3.exploration_noise
+    noise = rng.standard_normal(shape, dtype=np.float32) * _noise_levels(config)
     return (agent.act(collector.obs) + noise).clip(-1, 1)
+
+
+def _noise_levels(config: TrainConfig) -> np.ndarray | float:
+    """Standard deviation of the exploration noise, or (environments, 1) one an environment, from least to most."""
+    middle, spread = config.td3.exploration_noise, config.learner.noise_spread
+    if spread == 0:
+        return middle
+    levels = np.linspace(middle - spread, middle + spread, config.trainer.num_envs, dtype=np.float32)
+    return levels.clip(min=0)[:, None]

@@ -157,6 +157,7 @@ class Trainer:
                     logged, mark = clock.elapsed_s, self._mark()
                 if self._fraction() >= 1:
                     break
+                session.agent.learner.set_rates(self._fraction())
                 self._losses.update(session.schedule.advance())
                 elapsed_s = clock.elapsed_s
                 if progress and elapsed_s - reported >= REPORT_SECONDS:

@@ -15,8 +15,10 @@ from morphkit.registry import load
 from morphkit.tokens.spec import token_spec
 from morphkit_rl.algorithms.td3 import TD3, find_device, resolve_precision, saturation
 from morphkit_rl.buffers.replay_buffer import Batch
+from morphkit_rl.config.learner_config import LearnerConfig
 from morphkit_rl.config.train_config import ModelConfig, TD3Config
 from morphkit_rl.models.layout import Layout, build_layout
+from morphkit_rl.models.vocabulary import Vocabulary
 
 MODEL = ModelConfig(d_model=16, layers=1, heads=2, feedforward=16)
 SIZE = 8
@@ -129,3 +131,67 @@ def test_saturation_penalty_is_added_to_the_actors_loss_and_pulls_it_back(layout
         expected = 10.0 * np.square(np.arctanh(before)).mean()
     assert losses[10.0] - losses[0.0] == pytest.approx(expected, rel=1e-4)
     assert sizes[10.0] < 0.5 * sizes[0.0]
+
+
+def with_options(layout: Layout, config: TD3Config, **options: object) -> TD3:
+    torch.manual_seed(0)
+    options = {"critic": "perceptron", "critic_width": 16, "critic_layers": 1, **options}
+    return TD3(MODEL, config, SIZE, learner=LearnerConfig(**options), vocabulary=Vocabulary.of(layout.specs))
+
+
+def test_categorical_critics_and_the_mean_of_both_follow_the_algorithm(layout: Layout) -> None:
+    config = TD3Config(target_noise=0.0, reward_scale=1.0, actor_first=True, gradient_clip=0.0)
+    learner = with_options(layout, config, value="categorical", actor_objective="mean", critic_learning_rate=1e-9)
+    batch, scale, before = make_batch(layout), torch.tensor([0.5, 2.0]), deepcopy(learner)
+    losses = learner.update(batch, *unit(layout), layout, np.random.default_rng(0), reward_scale=scale)
+    t = {name: torch.from_numpy(getattr(batch, name)) for name in Batch.__slots__}
+    loss = learner.critic_loss
+    with torch.no_grad():
+        next_output = before.critic_target(t["next_obs"], before.actor_target(t["next_obs"], layout), layout)
+        target = loss.target(next_output, t["reward"] * scale, t["discount"])
+        output = before.critic(t["obs"], t["action"], layout)
+        climbed = before.critic(t["obs"], before.actor(t["obs"], layout), layout)
+    torch.testing.assert_close(losses["critic_loss"], 2 * loss.error(output, target).mean())
+    torch.testing.assert_close(losses["q_mean"], (loss.expectation(output) / scale).mean())
+    torch.testing.assert_close(losses["actor_loss"], -loss.expectation(climbed).mean(), rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("value", ["scalar", "categorical"])
+def test_perceptron_critics_learn_their_targets(layout: Layout, value: str) -> None:
+    learner = with_options(layout, TD3Config(target_noise=0.0, reward_scale=1.0, learning_rate=1e-2), value=value)
+    batch = make_batch(layout)
+    batch = Batch(batch.obs, batch.action, batch.reward, batch.next_obs, np.zeros_like(batch.discount))
+    for _ in range(150):
+        learner.update(batch, *unit(layout), layout, np.random.default_rng(0))
+    t = {name: torch.from_numpy(getattr(batch, name)) for name in Batch.__slots__}
+    values = learner.critic_loss.expectation(learner.critic(t["obs"], t["action"], layout))
+    assert (values - t["reward"]).abs().mean() < 0.2 * t["reward"].abs().mean()
+
+
+def test_step_sizes_are_apart_and_fall_to_their_share(layout: Layout) -> None:
+    learner = with_options(layout, TD3Config(learning_rate=2e-4), critic_learning_rate=1e-3, final_learning_rate=0.1)
+    for used, left in ((0.0, 1.0), (0.5, 0.55), (1.0, 0.1)):
+        learner.set_rates(used)
+        rates = [optimizer.param_groups[0]["lr"] for optimizer in learner.optimizers().values()]
+        assert rates == pytest.approx([2e-4 * left, 1e-3 * left])
+
+
+def test_the_averaged_actor_follows_slowly_and_is_the_one_that_is_kept(layout: Layout) -> None:
+    config = TD3Config(actor_first=True, policy_delay=1, learning_rate=1e-2)
+    learner, batch = with_options(layout, config, actor_average=0.75), make_batch(layout)
+    expected = [p.detach().clone() for p in learner.actor.parameters()]
+    for _ in range(3):
+        learner.update(batch, *unit(layout), layout, np.random.default_rng(0))
+        expected = [
+            0.75 * old + 0.25 * new.detach() for old, new in zip(expected, learner.actor.parameters(), strict=True)
+        ]
+    for average, kept in zip(expected, learner.networks()["actor"].parameters(), strict=True):
+        torch.testing.assert_close(kept, average)
+    online, final = (learner.act(batch.obs, *unit(layout), layout, final=final) for final in (False, True))
+    assert np.abs(online - final).max() > 1e-4
+    assert learner.networks()["actor_online"] is learner.actor
+
+
+def test_categorical_values_need_critics_that_have_them(layout: Layout) -> None:
+    with pytest.raises(ConfigError, match=r"needs learner\.critic = 'perceptron'"):
+        with_options(layout, TD3Config(), critic="method", value="categorical")

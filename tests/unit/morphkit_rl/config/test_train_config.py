@@ -18,6 +18,13 @@ def test_every_preset_loads() -> None:
         assert isinstance(load_config(name), TrainConfig)
 
 
+def test_the_default_before_november_2026_is_kept_as_a_preset() -> None:
+    kept = load_config("limb-former-2026-11")
+    assert kept == dataclasses.replace(TrainConfig(), model=kept.model)
+    assert (kept.td3.batch_size, kept.td3.learning_rate, kept.td3.tau) == (252, 6e-4, 0.02)
+    assert (kept.learner.critic, kept.trainer.num_envs, kept.trainer.updates_per_sweep) == ("method", 8, 4)
+
+
 STUDY = {  # Appendix II of the study, and the baseline runs of the AnyMorph project
     "td3": {
         "batch_size": 100, "discount": 0.99, "n_step": 1, "tau": 0.046, "policy_delay": 2, "target_noise": 0.2,
@@ -87,6 +94,9 @@ def test_round_trip_through_a_dict() -> None:
         ("text.pooling=max", "expected one of default, mean, cls"),
         ("trainer.sensors=3", "expected a list of strings"),
         ("trainer.sensors=[1, 2]", "expected a list of strings"),
+        ("learner.critic=linear", "expected one of method, perceptron"),
+        ("learner.final_learning_rate=1.5", "from 0 to 1"),
+        ("learner.critic_layers=0", "at least 1"),
         ("tau=0.1", "expected section.name=value"),
         ("td3.tau", "expected section.name=value"),
         ("td3=1", "expected section.name=value"),

@@ -53,6 +53,23 @@ def test_a_resumed_run_equals_one_that_never_stopped(tmp_path: Path, config: Tra
     assert_same(run, tmp_path / "parts")
 
 
+def test_an_average_of_weights_and_falling_rates_resume_exactly(tmp_path: Path, config: TrainConfig) -> None:
+    options = ["learner.actor_average=0.9", "learner.final_learning_rate=0.1", "trainer.checkpoint_seconds=1000"]
+    changed, robots = load_config(overrides=[*_overrides(config), *options]), [load(name) for name in ROBOTS]
+    train(robots, tmp_path / "whole", changed, steps=160)
+    train(robots, tmp_path / "parts", changed, steps=160)
+    session = Session(run_settings.load(tmp_path / "parts"))
+    for sweep in range(20):
+        session.agent.learner.set_rates(sweep * 4 / 160)
+        session.schedule.advance()
+    session.save(tmp_path / "parts", 1.0)
+    session.close()
+    resume(tmp_path / "parts")
+    assert_same(tmp_path / "whole", tmp_path / "parts")
+    saved = weights(tmp_path / "whole")
+    assert not np.array_equal(*(saved[f"{part}/head.weight"] for part in ("policy/actor", "learner/actor_online")))
+
+
 def test_a_replay_that_wrapped_round_resumes_exactly(tmp_path: Path, config: TrainConfig) -> None:
     small = load_config(overrides=[*_overrides(config), "trainer.replay_capacity=48"])
     robots = [load(name) for name in ROBOTS]

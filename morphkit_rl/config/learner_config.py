@@ -1,0 +1,46 @@
+"""Settings of the learner: critics, their loss, what rewards are divided by, step sizes and exploration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True, slots=True)
+class LearnerConfig:
+    """What a run may change about TD3; the defaults are TD3 as published, with the critics of the policy's method.
+
+    Attributes:
+        critic: `method`: the critics that come with the policy's method; `perceptron`: perceptrons that know tokens and
+            robots by learned vectors.
+        critic_width: Width of the hidden layers of perceptron critics.
+        critic_layers: Their hidden layers after the first.
+        value: `scalar` values and squared errors, or `categorical` distributions and cross-entropy; the latter needs
+            perceptron critics.
+        atoms: Atoms of a categorical value.
+        support: Largest categorical value; the least is its negative.
+        actor_objective: Whether the actor climbs the `first` critic, as published, or the `mean` of both.
+        normalize_returns: Whether each robot's rewards are divided by max(standard deviation of its running discounted
+            returns, largest of their absolute values / `support`).
+        critic_learning_rate: Adam's step size for the critics; 0 for that of the actor, `td3.learning_rate`.
+        final_learning_rate: Share of the step sizes that is left when the budget is used up; they fall linearly.
+        noise_spread: Exploration noise differs from environment to environment of a robot, evenly from
+            `td3.exploration_noise` minus this to plus this.
+        actor_average: Share of the last average of actor weights that an update keeps. The average is what evaluations
+            and the saved policy act with. 0 for the weights themselves.
+        sample_ahead: Whether a sweep's batches are drawn from the replay at once, which is cheaper.
+    """
+
+    critic: Literal["method", "perceptron"] = "method"
+    critic_width: int = 256
+    critic_layers: int = 2
+    value: Literal["scalar", "categorical"] = "scalar"
+    atoms: int = 101
+    support: float = 5.0
+    actor_objective: Literal["first", "mean"] = "first"
+    normalize_returns: bool = False
+    critic_learning_rate: float = 0.0
+    final_learning_rate: float = 1.0
+    noise_spread: float = 0.0
+    actor_average: float = 0.0
+    sample_ahead: bool = False
