@@ -117,7 +117,10 @@ def load_robots(
 
     packages = parse_packages(package or ())
     arguments = xacro_arguments(xacro_arg, *robots)
-    return [load(robot, root=root, packages=packages, xacro_args=arguments[robot]) for robot in robots]
+    loaded = {
+        robot: load(robot, root=root, packages=packages, xacro_args=arguments[robot]) for robot in dict.fromkeys(robots)
+    }
+    return [loaded[robot] for robot in robots]
 
 
 def load_bodies(targets: Sequence[str], xacro_args: Sequence[str] | None = None) -> list[Description]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from morphkit.morphology import Base, Format
+from morphkit.morphology import Base, Format, Morphology
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +57,8 @@ class Description:
         info: What stands in `robot.toml` or in the manifest.
         root: Name of the top-level body or link to take, where the file has several.
         packages: Folder of each ROS package or Gazebo model that the user named, by name.
+        document: What `source` was parsed to, once somebody has asked; see `formats.document.document_of`.
+        morphology: What was read of the description, once somebody has asked; see `readers.read`.
     """
 
     name: str
@@ -67,6 +69,19 @@ class Description:
     info: RobotInfo = field(default_factory=RobotInfo)
     root: str | None = None
     packages: Mapping[str, Path] = field(default_factory=dict)
+    document: Any = field(default=None, compare=False, repr=False)
+    morphology: Morphology | None = field(default=None, init=False, compare=False, repr=False)
+
+    def keep(self, document: Any = None, morphology: Morphology | None = None) -> None:
+        """Remember what the source was parsed to, or what was read of it, for all who ask again."""
+        if document is not None:
+            object.__setattr__(self, "document", document)
+        if morphology is not None:
+            object.__setattr__(self, "morphology", morphology)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        values = (getattr(self, each.name) for each in fields(self) if each.name not in ("document", "morphology"))
+        return type(self), tuple(values)
 
     @property
     def sha256(self) -> str:

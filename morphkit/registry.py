@@ -215,24 +215,28 @@ def _load_family(path: Path, root: str | None) -> list[Description]:
 
 def _describe(path: Path, name: str, info: RobotInfo, root: str | None) -> Description:
     """Read a file and tell its format from its root element."""
-    from morphkit.formats import xml
+    from morphkit.formats.document import Document
+    from morphkit.formats.xml import read_limited
 
     if not path.is_file():
         raise DescriptionError(f"{path}: is no regular file")
-    source = xml.read_limited(path)
-    form = xml.root_format(xml.parse(source, file=str(path)), file=str(path))
-    return Description(_printable(name), _printable(path.name), form, source, path.parent, info, root)
+    document = Document(read_limited(path), file=str(path))
+    names = _printable(name), _printable(path.name)
+    return Description(*names, document.format, document.source, path.parent, info, root, document=document)
 
 
 def _expand(path: Path, root: str | None, packages: Mapping[str, Path], xacro_args: Mapping[str, str]) -> Description:
     """The URDF that a xacro file describes."""
-    from morphkit.formats import xacro, xml
+    from morphkit.formats import xacro
+    from morphkit.formats.document import Document
 
     source = xacro.expand(path, packages, xacro_args)
     file = path.name.removesuffix(".xacro").removesuffix(".urdf") + ".urdf"
-    form = xml.root_format(xml.parse(source, file=f"{path} (expanded)"), file=f"{path} (expanded)")
+    document = Document(source, file=f"{path} (expanded)")
     name, file = _printable(Path(file).stem), _printable(file)
-    return Description(name, file, form, source, path.parent, root=root, packages=packages)
+    return Description(
+        name, file, document.format, source, path.parent, root=root, packages=packages, document=document
+    )
 
 
 def _printable(name: str) -> str:

@@ -22,6 +22,7 @@ from morphkit.ablation.targets import UNSAFE, choose, wish_name
 from morphkit.ablation.unused_assets import Uses
 from morphkit.description import Description, RobotInfo
 from morphkit.errors import AblationError
+from morphkit.formats.document import document_of
 from morphkit.formats.source import Source
 from morphkit.formats.urdf_names import name_elements
 from morphkit.naming.limbs import canonical_limb_names
@@ -188,7 +189,7 @@ class Cutter:
 
     @cached_property
     def _urdf(self) -> Source:
-        return Source(self.description.source, file=self.description.file)
+        return Source(document_of(self.description))
 
     @cached_property
     def _mjcf(self) -> MjcfOpener:

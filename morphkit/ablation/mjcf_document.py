@@ -20,11 +20,13 @@ from morphkit.ablation.mjcf_references import Bones
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
 from morphkit.formats.assets import mentions
+from morphkit.formats.document import Document, document_of
+from morphkit.formats.mjcf_include import flattened
 from morphkit.formats.mjcf_names import name_elements
-from morphkit.formats.resolve import flatten_includes, locate
+from morphkit.formats.resolve import locate
 from morphkit.formats.skin import bone_names
 from morphkit.formats.source import Source
-from morphkit.formats.xml import parse, read_limited, serialize
+from morphkit.formats.xml import read_limited
 
 _EXPANDERS = ("replicate", "attach", "flexcomp", "composite")
 _MADE = "limbs made by replicate, attach or flexcomp"
@@ -57,10 +59,11 @@ class MjcfOpener:
     def __init__(self, description: Description) -> None:
         self._description = description
         self._findings: tuple[Loss, ...] = ()
-        tree = parse(description.source, file=description.file)
-        if next(tree.iter("include"), None) is not None:
-            flatten_includes(tree, description.folder, file=description.file, packages=description.packages)
-            self._description = replace(description, source=serialize(tree))
+        document = document_of(description)
+        if next(document.root.iter("include"), None) is not None:
+            file = description.file
+            tree = flattened(document, description.folder, file=file, packages=description.packages)
+            self._description = _with(description, Document.of_tree(tree, file=file))
             self._findings = (Loss("format", "include", "", "included files were written into the description"),)
 
     def open(self, wanted: Sequence[str]) -> MjcfFile:
@@ -84,18 +87,18 @@ class MjcfOpener:
 
     @cached_property
     def _expandable(self) -> bool:
-        return next(parse(self._description.source, file=self._description.file).iter(*_EXPANDERS), None) is not None
+        return next(document_of(self._description).root.iter(*_EXPANDERS), None) is not None
 
     @cached_property
     def _expanded(self) -> _Shared:
-        return _Shared(replace(self._description, source=_write_out(self._description)))
+        return _Shared(_with(self._description, _write_out(self._description)))
 
 
 class _Shared:
     """What every edit of one file shares."""
 
     def __init__(self, description: Description) -> None:
-        self._source = Source(description.source, file=description.file)
+        self._source = Source(document_of(description))
         self._description = description
         self._layout: Layout | None = None
         self._bones = _bones(self._source.root, description)
@@ -120,6 +123,11 @@ def open_mjcf(description: Description, wanted: Sequence[str]) -> MjcfFile:
     return MjcfOpener(description).open(wanted)
 
 
+def _with(description: Description, document: Document) -> Description:
+    """The description with another source."""
+    return replace(description, source=document.source, document=document)
+
+
 def _reachable(file: MjcfFile, wanted: Sequence[str]) -> bool:
     """Whether all bodies `wanted` stand in the file, and nothing around or below them has to be expanded."""
     if any(name not in file.bodies or next(file.bodies[name].iter(*_EXPANDERS), None) is not None for name in wanted):
@@ -142,7 +150,7 @@ def _bones(root: Any, description: Description) -> Bones:
     return bones
 
 
-def _write_out(description: Description) -> bytes:
+def _write_out(description: Description) -> Document:
     spec = _parse_spec(description)
     if description.folder is not None:
         spec.modelfiledir = str(description.folder)
@@ -151,7 +159,7 @@ def _write_out(description: Description) -> bytes:
     spec.compiler.savecanonical = False
     try:
         spec.compile()
-        return _inner_paths(str(spec.to_xml()).encode(), description)
+        return _inner_paths(Document(str(spec.to_xml()).encode(), file=description.file), description)
     except (ValueError, RuntimeError) as error:
         raise AssetError(
             f"{description.file}: {_MADE} can only be cut in MuJoCo's output, and MuJoCo cannot compile the file:"
@@ -161,18 +169,18 @@ def _write_out(description: Description) -> bytes:
 
 def _parse_spec(description: Description) -> mujoco.MjSpec:
     """The model as MuJoCo parses it, every body named as the reader names it."""
-    spec = parse_tree(parse(description.source, file=description.file), description)
+    spec = parse_tree(document_of(description).copy(), description)
     name_elements(spec)
     return spec
 
 
-def _inner_paths(source: bytes, description: Description) -> bytes:
+def _inner_paths(written: Document, description: Description) -> Document:
     """Call the files of attached models, which `attach_models` calls by their whole paths, as seen from the folder."""
-    tree = parse(source, file=description.file)
+    tree = written.copy()
     root = tree.getroot()
     named = list(mentions(root))
     if description.folder is None or not any(posixpath.isabs(each.reference) for each in named):
-        return source
+        return written
     for each in named:
         path = each.reference
         if posixpath.isabs(path) and Path(path).is_relative_to(description.folder.resolve()):
@@ -182,4 +190,4 @@ def _inner_paths(source: bytes, description: Description) -> bytes:
         for attribute in ("meshdir", "texturedir", "assetdir", "strippath"):
             if attribute in compiler.attrib:
                 del compiler.attrib[attribute]
-    return serialize(tree)
+    return Document.of_tree(tree, file=description.file)

@@ -17,7 +17,7 @@ from morphkit.conversion.timestep import settle_timestep
 from morphkit.conversion.unsupported import Missing, without_counterpart
 from morphkit.description import Description
 from morphkit.errors import ConfigError, DescriptionError
-from morphkit.formats import xml
+from morphkit.formats.document import Document, document_of
 from morphkit.formats.urdf_names import name_elements
 from morphkit.morphology import Base, Morphology
 from morphkit.readers import read
@@ -77,11 +77,12 @@ def convert(description: Description, *, base: Base | None = None, floor: bool |
     if description.format != "urdf":
         raise ConfigError(f"{description.file}: is an MJCF model already; MuJoCo reads it as it is")
     morphology = read(description)
-    tree = xml.parse(description.source, file=description.file)
+    tree = document_of(description).copy()
     missing = tuple(without_counterpart(tree.getroot()))
     name_elements(tree.getroot(), file=description.file)
     notes = [*_prepare(tree.getroot(), morphology)]
-    prepared = replace(description, source=xml.serialize(tree))
+    document = Document.of_tree(tree, file=description.file)
+    prepared = replace(description, source=document.source, document=document)
     spec, dropped = load_spec(prepared)
     notes += dropped
     root = spec.body(morphology.root.name)

@@ -14,10 +14,10 @@ from morphkit.ablation.loss import Loss
 from morphkit.description import Description
 from morphkit.errors import MorphkitError
 from morphkit.formats.assets import Asset, Mention, find_asset, mentions, place_of
+from morphkit.formats.document import document_of
 from morphkit.formats.mjcf_attach import files_of_model
 from morphkit.formats.packages import split_reference
 from morphkit.formats.source import Source
-from morphkit.formats.xml import parse
 
 AssetMode = Literal["copy", "reference"]
 _OUTSIDE = "assets"
@@ -46,7 +46,7 @@ class Packer:
         Returns:
             The bytes of the description as it has to be written; what is missing and what was rewritten.
         """
-        named = list(mentions(parse(description.source, file=description.file).getroot()))
+        named = list(mentions(document_of(description).root))
         found = {each.reference: find_asset(each.reference, description) for each in named}
         lost = [Loss("asset", name, "", asset.problem) for name, asset in found.items() if asset.path is None]
         target: Callable[[Asset], str] = self._reference if self._mode == "reference" else self._copy
@@ -59,7 +59,7 @@ class Packer:
         in_place = self._mode == "copy"
         if all(each.reference not in targets or _right(each, targets, in_place) for each in named):
             return description.source, lost
-        source = Source(description.source, file=description.file)
+        source = Source(document_of(description))
         rewritten = list(_rewrite(source.root, targets, in_place=in_place))
         return source.render(), [*lost, *(rewritten if in_place else [])]
 

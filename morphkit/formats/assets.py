@@ -10,9 +10,9 @@ from typing import Any
 
 from morphkit.description import Description
 from morphkit.errors import AssetError
+from morphkit.formats.document import document_of
 from morphkit.formats.packages import split_reference
 from morphkit.formats.resolve import locate
-from morphkit.formats.xml import parse
 
 _TEXTURE_FILES = ("file", "fileback", "filedown", "filefront", "fileleft", "fileright", "fileup")
 _FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "texture": "texturedir"}
@@ -54,7 +54,7 @@ class Mention:
 
 def find_assets(description: Description) -> list[Asset]:
     """The files that a description refers to, in the order of the file, each once."""
-    root = parse(description.source, file=description.file).getroot()
+    root = document_of(description).root
     return [find_asset(text, description) for text in dict.fromkeys(each.reference for each in mentions(root))]
 
 

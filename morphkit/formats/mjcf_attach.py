@@ -16,11 +16,12 @@ from lxml import etree
 
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
-from morphkit.formats import xml
 from morphkit.formats.assets import Asset, find_asset, mentions, place_of
+from morphkit.formats.document import Document, document_of
 from morphkit.formats.limits import check_mjcf
+from morphkit.formats.mjcf_include import flattened
 from morphkit.formats.mjcf_locations import Places
-from morphkit.formats.resolve import flatten_includes, locate
+from morphkit.formats.resolve import locate
 
 _FOLDERS = ("meshdir", "texturedir", "assetdir", "strippath")
 
@@ -43,13 +44,14 @@ def attach_models(tree: etree._ElementTree, description: Description, places: Pl
         DescriptionError: One is no MJCF, breaks a limit, or attaches itself: MuJoCo would not survive that.
     """
     models: dict[str, bytes] = {}
-    _follow(tree, description, (), models, places)
+    _follow(tree, description, document_of(description), (), models, places)
     return models
 
 
 def _follow(
     tree: etree._ElementTree,
     description: Description,
+    document: Document,
     above: tuple[Path, ...],
     models: dict[str, bytes],
     places: Places | None,
@@ -63,17 +65,17 @@ def _follow(
         if path in above:
             raise DescriptionError(f"{where}: {path.name} attaches itself, through {abridged_path(above, path)}")
         try:
-            source = xml.read_limited(path)
+            attached = document.part(path)
         except OSError as error:
             raise AssetError(f"{where}: {path} cannot be read: {error.strerror}") from None
-        part = xml.parse(source, file=path.name)
-        form = xml.root_format(part, file=path.name)
-        nested = Description(path.stem, path.name, form, source, path.parent, packages=readable(description))
-        if form == "mjcf":
+        nested = _description(path, attached, description)
+        if attached.format == "mjcf":
             read = places.own if places is not None else None
-            flatten_includes(part, path.parent, file=path.name, packages=nested.packages, read=read)
+            part = flattened(attached, path.parent, file=path.name, packages=nested.packages, read=read)
             check_mjcf(part.getroot(), file=path.name)
-            _follow(part, nested, (*above, path), models, places)
+            _follow(part, nested, attached, (*above, path), models, places)
+        else:
+            part = attached.copy()
         _write_out_paths(part.getroot(), nested)
         name = f"{len(models)}_{path.name}"
         text = etree.tostring(part.getroot(), encoding="unicode")
@@ -97,15 +99,14 @@ def files_of_model(path: Path, description: Description, *, above: tuple[Path, .
         AssetError: The model, or a file that it includes, cannot be read.
         DescriptionError: It is no robot description.
     """
-    source = xml.read_limited(path)
-    tree = xml.parse(source, file=path.name)
-    form = xml.root_format(tree, file=path.name)
-    part = Description(path.stem, path.name, form, source, path.parent, packages=readable(description))
+    document = document_of(description).part(path)
+    part = _description(path, document, description)
     included: list[Path] = []
-    if form == "mjcf":
+    tree = document.tree
+    if document.format == "mjcf":
         packages = part.packages
-        flatten_includes(
-            tree, path.parent, file=path.name, packages=packages, read=lambda _, file: included.append(file)
+        tree = flattened(
+            document, path.parent, file=path.name, packages=packages, read=lambda _, file: included.append(file)
         )
     for file in included:
         reference = Path(os.path.relpath(file, path.parent.resolve())).as_posix()
@@ -118,6 +119,14 @@ def files_of_model(path: Path, description: Description, *, above: tuple[Path, .
             for below in files_of_model(asset.path, part, above=(*above, asset.path)):
                 reference = posixpath.join(folder, below.reference)
                 yield replace(below, reference=reference, place=place_of(reference))
+
+
+def _description(path: Path, document: Document, owner: Description) -> Description:
+    """The description of a model that `owner` attaches."""
+    packages = readable(owner)
+    return Description(
+        path.stem, path.name, document.format, document.source, path.parent, packages=packages, document=document
+    )
 
 
 def abridged_path(above: tuple[Path, ...], end: Path) -> str:

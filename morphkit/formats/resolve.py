@@ -1,23 +1,19 @@
-"""Where the files lie that a description refers to: meshes, textures and includes."""
+"""Where the files lie that a description refers to: meshes, textures, included and attached files."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from urllib.parse import unquote
 
-from lxml import etree
-
 from morphkit.description import Description
-from morphkit.errors import AssetError, DescriptionError
+from morphkit.errors import AssetError
 from morphkit.formats.packages import Home, homes, own_package, split_reference
-from morphkit.formats.xml import parse, read_limited
 
 _NO_PACKAGES: Mapping[str, Path] = MappingProxyType({})
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):/{0,2}(.*)", re.DOTALL)
-_MAX_INCLUDES = 1000
 
 
 def locate(reference: str, description: Description) -> Path:
@@ -81,90 +77,3 @@ def resolve_asset(reference: str, folder: Path, *, packages: Mapping[str, Path] 
         advice = f"say where the package is with --package {named[0] or 'NAME'}=DIR, or in ROS_PACKAGE_PATH"
     tried = "".join(f"\n  {path}{verdict}" for path, verdict in verdicts.items())
     raise AssetError(f"file {reference!r} not found; {advice}. Tried:{tried}")
-
-
-def flatten_includes(
-    tree: etree._ElementTree,
-    folder: Path | None,
-    *,
-    file: str = "model",
-    packages: Mapping[str, Path] = _NO_PACKAGES,
-    read: Callable[[etree._Element, Path], None] | None = None,
-) -> etree._ElementTree:
-    """Replace every MJCF `<include file="..."/>` by what stands in that file, in place.
-
-    File names start in `folder`, else in the folder of the including file. As in MuJoCo, a file can be included once.
-
-    Args:
-        tree: The parsed MJCF; it is edited.
-        folder: The folder of the main file.
-        file: What the main file is called in messages.
-        packages: Further folders that included files may lie in.
-        read: Is told the root element and the path of each included file, before its elements move.
-
-    Returns:
-        `tree`, without includes.
-
-    Raises:
-        AssetError: An included file is missing or lies outside `folder`.
-        DescriptionError: An included file is not XML, or is included twice.
-    """
-    origin: dict[Path, str] = {}
-    pending = [(element, folder, file) for element in tree.iter("include")]
-    while pending:
-        element, base, owner = pending.pop()
-        where = f"{owner}:{element.sourceline}"
-        reference = element.get("file")
-        if reference is None:
-            raise DescriptionError(f'{where}: <include> without file; write <include file="part.xml"/>')
-        if folder is None or base is None:
-            raise DescriptionError(f"{where}: <include file={reference!r}> cannot be followed without a folder")
-        try:
-            path = _included(reference, folder, base, packages)
-        except AssetError as error:
-            raise AssetError(f"{where}: {error}") from None
-        if path in origin or len(origin) >= _MAX_INCLUDES:
-            raise DescriptionError(
-                f"{where}: {reference!r} is included again (first by {origin.get(path, 'many')}); a file can be"
-                " included once"
-            )
-        origin[path] = where
-        try:
-            part = parse(read_limited(path), file=path.name).getroot()
-        except OSError as error:
-            raise AssetError(f"{where}: {path} cannot be read: {error.strerror}") from None
-        if read is not None:
-            read(part, path)
-        children = list(part)
-        _replace(element, part)
-        for child in children:
-            if isinstance(child.tag, str):
-                pending += [(nested, path.parent, path.name) for nested in child.iter("include")]
-    return tree
-
-
-def _included(reference: str, folder: Path, base: Path, packages: Mapping[str, Path]) -> Path:
-    try:
-        return resolve_asset(reference, folder, packages=packages)
-    except AssetError:
-        if base == folder:
-            raise
-        try:
-            return resolve_asset(str(base / reference), folder, packages=packages)
-        except AssetError:
-            pass
-        raise
-
-
-def _replace(element: etree._Element, part: etree._Element) -> None:
-    parent = element.getparent()
-    if parent is None:
-        raise DescriptionError("<include> cannot be the root element")
-    at = parent.index(element)
-    tail = element.tail
-    children = list(part)
-    parent.remove(element)
-    for offset, child in enumerate(children):
-        parent.insert(at + offset, child)
-    if children:
-        children[-1].tail = tail

@@ -5,50 +5,45 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Sequence
 from typing import Any
-from xml.parsers import expat
 from xml.sax.saxutils import escape
 
-from morphkit.formats.xml import parse, serialize
+from morphkit.formats.document import Document
+from morphkit.formats.xml import Span, serialize
 
 _ATTRIBUTE = re.compile(r"""(\s+)([^\s=<>"'/]+)(\s*=\s*)("[^"]*"|'[^']*')""")
-Span = tuple[int, int, int, int]
-"""Byte offsets of an element: start tag from, to; end tag from, to."""
 _WORD = re.compile(r"(\s*)(\S+)")
-_START_TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*+"|'[^']*+')*+>""")
-_ASCII_BASED = {"utf-8", "us-ascii", "ascii", "iso-8859-1", "latin-1"}
 
 
 class Source:
-    """A parsed file that remembers where each element stood.
+    """A copy of a document's tree that remembers where each element stood.
 
     lxml would rewrite quotes and the line breaks between attributes all over the file; `render` takes the original
     bytes wherever an element is as it was, and edits only the attributes that changed.
+
+    Args:
+        document: The parsed file.
 
     Attributes:
         root: The root element; edit the tree below it freely.
     """
 
-    def __init__(self, source: bytes, *, file: str, offsets: list[Span] | None = None) -> None:
-        self._source = source
-        self._file = file
-        self._crlf = b"\r\n" in source
-        self._tree = parse(source, file=file)
+    def __init__(self, document: Document) -> None:
+        self._document, self._source = document, document.source
+        self._crlf = b"\r\n" in self._source
+        self._tree = document.copy()
         self.root: Any = self._tree.getroot()
         self._encoding = (self._tree.docinfo.encoding or "utf-8").lower()
         self._nodes = list(self.root.iter())  # keeps the proxies alive, so that id() identifies an element
         self._before = {id(node): _state(node) for node in self._nodes}
         self._spans: dict[int, Span] = {}
         self._edited: set[int] = set()
-        if offsets is None:
-            offsets = _spans(source) if self._encoding in _ASCII_BASED else []
-        self._offsets = offsets
         elements = [node for node in self._nodes if isinstance(node.tag, str)]
-        if len(offsets) == len(elements):
-            self._spans = {id(element): span for element, span in zip(elements, offsets, strict=True)}
+        if len(document.spans) == len(elements):
+            self._spans = {id(element): span for element, span in zip(elements, document.spans, strict=True)}
 
     def again(self) -> Source:
         """The file as it was read, to be edited anew."""
-        return Source(self._source, file=self._file, offsets=self._offsets)
+        return Source(self._document)
 
     def render(self) -> bytes:
         """The file's bytes after the edits."""
@@ -131,42 +126,6 @@ def _edit_attributes(start: str, before: dict[str, str], wanted: dict[str, str])
     edited = _ATTRIBUTE.sub(replace, start)
     end = len(edited.rstrip())
     return edited[:end] + "".join(f" {name}={_quote(value)}" for name, value in left.items()) + edited[end:]
-
-
-def _spans(source: bytes) -> list[Span]:
-    """Offsets of each element in document order."""
-    parser = expat.ParserCreate()
-    spans: list[Span] = []
-    stack: list[int] = []
-
-    def start(name: str, attributes: dict[str, str]) -> None:
-        begin = parser.CurrentByteIndex
-        end = _tag_end(source, begin)
-        stack.append(len(spans))
-        spans.append((begin, end, end, end))
-
-    def end(name: str) -> None:
-        index = stack.pop()
-        begin, tag_end, _, _ = spans[index]
-        if source[tag_end - 2 : tag_end] != b"/>":
-            close = parser.CurrentByteIndex
-            spans[index] = (begin, tag_end, close, source.index(b">", close) + 1)
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = end
-    try:
-        parser.Parse(source, True)
-    except expat.ExpatError:  # such as an odd version, which lxml lets pass: then the file is written out by lxml
-        return []
-    return spans
-
-
-def _tag_end(source: bytes, begin: int) -> int:
-    """Offset after the `>` that closes the start tag at `begin`; a `>` inside quotes closes nothing."""
-    match = _START_TAG.match(source, begin)
-    if match is None:
-        raise ValueError("a start tag without its end")  # the parser has accepted the file, so this cannot be
-    return match.end()
 
 
 def _without_words(quoted: str, value: str) -> str:

@@ -6,6 +6,7 @@ import io
 import re
 from pathlib import Path
 from typing import Any, cast
+from xml.parsers import expat
 
 from lxml import etree
 
@@ -13,9 +14,14 @@ from morphkit.errors import DescriptionError
 from morphkit.formats import limits
 from morphkit.morphology import Format
 
+Span = tuple[int, int, int, int]
+"""Byte offsets of an element: start tag from, to; end tag from, to."""
+
 MAX_BYTES = 64 * 1024 * 1024
 _UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 _PROLOG = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s+|<\?.*?\?>|<!--.*?-->)*+", re.DOTALL)
+_ASCII_BASED = {"utf-8", "us-ascii", "ascii", "iso-8859-1", "latin-1"}
+_START_TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*+"|'[^']*+')*+>""")
 _HARMLESS = (etree.ErrorTypes.NS_ERR_UNDEFINED_NAMESPACE, etree.ErrorTypes.ERR_UNKNOWN_VERSION)
 _FORMATS: dict[str, Format] = {"robot": "urdf", "mujoco": "mjcf"}
 
@@ -193,3 +199,41 @@ def _epilog(source: bytes, tree: etree._ElementTree) -> bytes:
         opening = b"<!--" if sibling.tag is etree.Comment else b"<?"
         end = len(source[: source.rindex(opening, 0, end)].rstrip())
     return source[end:]
+
+
+def element_spans(source: bytes, tree: etree._ElementTree) -> list[Span]:
+    """Byte offsets of each element in document order; none where the encoding is not based on ASCII."""
+    if (tree.docinfo.encoding or "utf-8").lower() not in _ASCII_BASED:
+        return []
+    parser = expat.ParserCreate()
+    spans: list[Span] = []
+    stack: list[int] = []
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        begin = parser.CurrentByteIndex
+        end = _tag_end(source, begin)
+        stack.append(len(spans))
+        spans.append((begin, end, end, end))
+
+    def end(name: str) -> None:
+        index = stack.pop()
+        begin, tag_end, _, _ = spans[index]
+        if source[tag_end - 2 : tag_end] != b"/>":
+            close = parser.CurrentByteIndex
+            spans[index] = (begin, tag_end, close, source.index(b">", close) + 1)
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    try:
+        parser.Parse(source, True)
+    except expat.ExpatError:  # such as an odd version, which lxml lets pass: then the file is written out by lxml
+        return []
+    return spans
+
+
+def _tag_end(source: bytes, begin: int) -> int:
+    """Offset after the `>` that closes the start tag at `begin`; a `>` inside quotes closes nothing."""
+    match = _START_TAG.match(source, begin)
+    if match is None:
+        raise ValueError("a start tag without its end")  # the parser has accepted the file, so this cannot be
+    return match.end()

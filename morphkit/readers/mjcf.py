@@ -13,12 +13,12 @@ from lxml import etree
 
 from morphkit.description import Description
 from morphkit.errors import DescriptionError
-from morphkit.formats import xml
+from morphkit.formats.document import document_of
 from morphkit.formats.limits import check_mjcf
 from morphkit.formats.mjcf_attach import attach_models
+from morphkit.formats.mjcf_include import flattened
 from morphkit.formats.mjcf_locations import Places
 from morphkit.formats.mjcf_names import name_with_origins
-from morphkit.formats.resolve import flatten_includes
 from morphkit.morphology import Actuator, Base, Joint, JointKind, Limb, Morphology, Origin
 from morphkit.naming.limbs import numbered_labels
 from morphkit.readers.common import choose_root, type_of
@@ -97,19 +97,20 @@ def _of_inputs(
 def _parse(description: Description) -> tuple[mujoco.MjSpec, tuple[Origin, ...], Where]:
     """Return the parsed model, everything named, where its names come from, and what says where an element stands."""
     file = description.file
-    tree = xml.parse(description.source, file=file)
-    if xml.root_format(tree, file=file) != "mjcf":
-        raise DescriptionError(f"{file}:{tree.getroot().sourceline}: a URDF file, expected MJCF")
-    check_mjcf(tree.getroot(), file=file)
-    places = Places(file, tree.getroot())
+    document = document_of(description)
+    tree = document.tree
+    if document.format != "mjcf":
+        raise DescriptionError(f"{file}:{document.root.sourceline}: a URDF file, expected MJCF")
+    check_mjcf(document.root, file=file)
+    places = Places(file, document.root)
     models: dict[str, bytes] = {}
     if next(tree.iter("include", "model"), None) is not None:
-        flatten_includes(tree, description.folder, file=file, packages=description.packages, read=places.own)
+        tree = flattened(document, description.folder, file=file, packages=description.packages, read=places.own)
         check_mjcf(tree.getroot(), file=file)
         models = attach_models(tree, description, places)
         text = etree.tostring(tree.getroot(), encoding="unicode")
     else:
-        text = xml.decode(description.source, tree)
+        text = document.text
     places.add(tree.getroot(), text, file, main=True)
     try:
         spec = mujoco.MjSpec.from_string(text, include=models)

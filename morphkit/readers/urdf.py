@@ -12,7 +12,7 @@ from lxml import etree
 
 from morphkit.description import Description
 from morphkit.errors import DescriptionError
-from morphkit.formats import xml
+from morphkit.formats.document import document_of
 from morphkit.formats.limits import check_count
 from morphkit.formats.urdf_names import name_elements
 from morphkit.morphology import Actuator, Base, Joint, JointKind, Limb, Morphology, Origin
@@ -44,8 +44,9 @@ def read_urdf(description: Description) -> Morphology:
         UnknownNameError: `description.root` is no root link.
     """
     file, info = description.file, description.info
-    tree = xml.parse(description.source, file=file)
-    if xml.root_format(tree, file=file) != "urdf":
+    document = document_of(description)
+    tree = document.copy()
+    if document.format != "urdf":
         raise DescriptionError(f"{file}:{tree.getroot().sourceline}: an MJCF file, expected URDF")
     check_count(tree.getroot(), "link", file=file)
     given = [origin for _, origin in name_elements(tree.getroot(), file=file)]
@@ -86,7 +87,7 @@ def drive_limits(description: Description) -> dict[str, tuple[float | None, floa
     Raises:
         DescriptionError: The file is not XML, or something in it refers to a name that several joints have.
     """
-    root = xml.parse(description.source, file=description.file).getroot()
+    root = document_of(description).copy().getroot()
     name_elements(root, file=description.file)
     limits = {joint.get("name", ""): joint.find("limit") for joint in root.iterchildren("joint")}
     return {name: (_stated(limit, "effort"), _stated(limit, "velocity")) for name, limit in limits.items()}

@@ -16,7 +16,7 @@ import numpy as np
 
 from morphkit.description import Description
 from morphkit.errors import DescriptionError
-from morphkit.formats import xml
+from morphkit.formats.document import Document, document_of
 from morphkit.morphology import Joint, JointKind, Morphology
 from morphkit.readers import read
 from morphkit.simulation import completion, visual_geoms
@@ -148,11 +148,12 @@ def _weighs_by_shape(spec: mujoco.MjSpec, body: Any) -> bool:
 
 def _without_shapes(description: Description) -> Description:
     """A URDF without shapes: nothing in it weighs by its shape, and reading meshes takes long."""
-    tree = xml.parse(description.source, file=description.file)
+    tree = document_of(description).copy()
     for link in tree.getroot().iterchildren("link"):
         for shape in [*link.iterchildren("visual", "collision")]:
             link.remove(shape)
-    return replace(description, source=xml.serialize(tree))
+    document = Document.of_tree(tree, file=description.file)
+    return replace(description, source=document.source, document=document)
 
 
 def _drop_shapes_without_mass(spec: mujoco.MjSpec) -> None:

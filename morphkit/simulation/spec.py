@@ -11,8 +11,10 @@ import mujoco
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
 from morphkit.formats import resolve, xml
+from morphkit.formats.document import document_of
 from morphkit.formats.limits import check_chain, check_mjcf
 from morphkit.formats.mjcf_attach import attach_models
+from morphkit.formats.mjcf_include import flattened
 from morphkit.formats.mjcf_names import name_elements
 from morphkit.formats.urdf_names import name_elements as name_links
 from morphkit.simulation.mesh_files import read_for_mujoco
@@ -38,17 +40,18 @@ def load_spec(description: Description, *, incomplete: set[str] | None = None) -
         DescriptionError: MuJoCo cannot parse the file.
         AssetError: A mesh, height field or included file that the simulation needs is missing.
     """
-    tree = xml.parse(description.source, file=description.file)
+    document = document_of(description)
     references: dict[str, str] = {}
     models: dict[str, bytes] = {}
     mended: tuple[str, ...] = ()
     if description.format == "urdf":
+        tree = document.copy()
         check_chain(tree.getroot(), file=description.file)
         name_links(tree.getroot(), file=description.file)
         mended = tuple(mend(tree.getroot()))
         references = _prepare_urdf(tree.getroot())
     else:
-        resolve.flatten_includes(tree, description.folder, file=description.file, packages=description.packages)
+        tree = flattened(document, description.folder, file=description.file, packages=description.packages)
         check_mjcf(tree.getroot(), file=description.file)
         models = attach_models(tree, description)
     try:

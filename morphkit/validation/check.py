@@ -16,7 +16,7 @@ from morphkit.validation import (
     urdf_links,
     urdf_tree,
 )
-from morphkit.validation.document import Document, elements, open_document
+from morphkit.validation.document import CheckedDocument, elements, open_document
 from morphkit.validation.findings import Report
 from morphkit.validation.meshes import MeshFacts, check_meshes
 from morphkit.validation.sandbox import Answer, probe
@@ -64,7 +64,7 @@ def check(
     return report
 
 
-def _check_urdf(doc: Document, *, deep: bool) -> None:
+def _check_urdf(doc: CheckedDocument, *, deep: bool) -> None:
     urdf_tree.check_xacro(doc)
     tree = urdf_tree.read_tree(doc)
     urdf_tree.check_references(doc, tree)
@@ -76,7 +76,7 @@ def _check_urdf(doc: Document, *, deep: bool) -> None:
     _check_death(doc, answer)
 
 
-def _check_mjcf(doc: Document, path: Path, *, deep: bool) -> None:
+def _check_mjcf(doc: CheckedDocument, path: Path, *, deep: bool) -> None:
     mjcf_values.check_numbers(doc)
     inertials = mjcf_values.check_inertials(doc)
     meshes = mjcf_assets.find_meshes(doc)
@@ -104,6 +104,6 @@ def _check_mjcf(doc: Document, path: Path, *, deep: bool) -> None:
     _check_death(doc, answer)
 
 
-def _check_death(doc: Document, answer: Answer) -> None:
+def _check_death(doc: CheckedDocument, answer: Answer) -> None:
     if answer.died:
         doc.report.add("simulator-crash", (doc.report.file, None), answer.died)

@@ -8,14 +8,16 @@ from collections.abc import Iterable
 from typing import Any
 
 from morphkit.utils.suggest import did_you_mean
-from morphkit.validation.document import Document
+from morphkit.validation.document import CheckedDocument
 
 _BAD_NAME = re.compile(r"""^\s|\s$|["'<>&\\`]|[\x00-\x1f\x7f]|^$""")
 _LONGEST = 100
 _XACRO = re.compile(r"\$[({]")
 
 
-def read_numbers(doc: Document, element: Any, attribute: str, counts: range, *, owner: str) -> list[float] | None:
+def read_numbers(
+    doc: CheckedDocument, element: Any, attribute: str, counts: range, *, owner: str
+) -> list[float] | None:
     """Return the finite numbers in an attribute; None where it is absent or wrong, which is then reported.
 
     Args:
@@ -54,14 +56,14 @@ def shorten(text: str, length: int = 60) -> str:
     return text if len(text) <= length else text[: length - 3] + "..."
 
 
-def check_name(doc: Document, element: Any, what: str) -> None:
+def check_name(doc: CheckedDocument, element: Any, what: str) -> None:
     """Report a name with characters that tools stumble over."""
     name = element.get("name")
     if name is not None and _BAD_NAME.search(name) and not _XACRO.search(name):
         doc.add("name-characters", element, f"{what} is called {shorten(name)!r}", name=name)
 
 
-def index_names(doc: Document, found: Iterable[Any], what: str, *, required: bool) -> dict[str, Any]:
+def index_names(doc: CheckedDocument, found: Iterable[Any], what: str, *, required: bool) -> dict[str, Any]:
     """Return name -> element; a name that is missing or used twice is reported, and the first one counts."""
     known: dict[str, Any] = {}
     for element in found:
@@ -79,7 +81,7 @@ def index_names(doc: Document, found: Iterable[Any], what: str, *, required: boo
     return known
 
 
-def unknown(doc: Document, what: str, name: str, known: Iterable[str]) -> str:
+def unknown(doc: CheckedDocument, what: str, name: str, known: Iterable[str]) -> str:
     """`link 'foo', which does not exist; did you mean 'foot'?`; the hint is left out where there were many."""
     doc.hints_left -= 1
     hint = did_you_mean(name[:_LONGEST], known) if doc.hints_left >= 0 else ""

@@ -12,20 +12,22 @@ from typing import Any
 
 from morphkit.errors import AssetError, DescriptionError
 from morphkit.formats import xml
+from morphkit.formats.document import Document
+from morphkit.formats.mjcf_include import IncludeProblem, flatten_includes
 from morphkit.formats.resolve import resolve_asset
 from morphkit.formats.xacro import expand
 from morphkit.validation.findings import Report
 
-MAX_INCLUDES = 1000
 _MAX_HINTS = 50
 _PLACE = re.compile(r"^(?P<file>.*?):(?P<line>\d+): (?P<reason>.*)$", re.DOTALL)
 
 
-class Document:
+class CheckedDocument:
     """A parsed description that reports what is wrong with it.
 
     Attributes:
-        root: The root element, MJCF includes replaced by what they hold.
+        document: The main file as it was parsed.
+        root: The root element of a copy, MJCF includes replaced by what they hold.
         folder: The folder of the main file.
         packages: Folder of each package that the user named.
         report: Receives the findings.
@@ -33,8 +35,11 @@ class Document:
         hints_left: For how many more unknown names the nearest one is looked for, which takes time.
     """
 
-    def __init__(self, root: Any, path: Path, report: Report, packages: Mapping[str, Path], *, lines: bool) -> None:
-        self.root = root
+    def __init__(
+        self, document: Document, path: Path, report: Report, packages: Mapping[str, Path], *, lines: bool
+    ) -> None:
+        self.document = document
+        self.root: Any = document.copy().getroot()
         self.folder = path.parent
         self.packages = packages
         self.report = report
@@ -43,8 +48,8 @@ class Document:
         self._lines = lines
         self._file_of: dict[int, str] = {}
         self._held: list[Any] = []  # keeps lxml's proxies alive, so that id() identifies an element
-        self._enter(root, report.file)
-        self._flatten(path)
+        self._enter(self.root, report.file)
+        self._follow_includes()
 
     def place(self, element: Any) -> tuple[str, int | None]:
         """File and line of an element."""
@@ -80,65 +85,36 @@ class Document:
             self._held.append(each)
             self._file_of[id(each)] = file
 
-    def _flatten(self, path: Path) -> None:
-        seen: set[Path] = set()
-        pending = [(element, self.folder) for element in self.root.iter("include")]
-        while pending:
-            element, base = pending.pop(0)
-            reference = element.get("file") or ""
-            found = self._read_include(element, reference, base, seen)
-            parent = element.getparent()
-            children = list(found[1]) if found is not None else []
-            if found is not None and parent is not None:
-                self._enter(found[1], self._shown(found[0]))
-                at = parent.index(element)
-                for offset, child in enumerate(children):
-                    parent.insert(at + offset, child)
-            else:
-                self.complete = False
-            if parent is not None:
-                parent.remove(element)
-            for child in children:
-                if isinstance(child.tag, str) and found is not None:
-                    pending += [(nested, found[0].parent) for nested in child.iter("include")]
+    def _follow_includes(self) -> None:
+        flatten_includes(
+            self.root.getroottree(),
+            self.folder,
+            file=self.report.file,
+            packages=self.packages,
+            part=lambda file: self.document.part(file).copy(),
+            read=lambda root, path: self._enter(root, self._shown(path)),
+            problem=self._add_include,
+        )
+
+    def _add_include(self, problem: IncludeProblem) -> None:
+        self.complete = False
+        if problem.kind == "malformed" and problem.path is not None:
+            _, line, reason = split_message(problem.error)
+            self.report.add("xml-malformed", (self._shown(problem.path), line), reason)
+        elif problem.kind == "repeated":
+            self.add("include-repeated", problem.element, f"{problem.element.get('file')!r} is included again")
+        else:
+            self.add("include-missing", problem.element, " ".join(problem.reason.split()))
 
     def _shown(self, path: Path) -> str:
         """What an included file is called in findings: its path as seen from where the main file's is."""
         relative = os.path.relpath(path, self.folder.resolve())
         return posixpath.join(posixpath.dirname(self.report.file), Path(relative).as_posix())
 
-    def _read_include(self, element: Any, reference: str, base: Path, seen: set[Path]) -> tuple[Path, Any] | None:
-        try:
-            path = self._locate_include(reference, base)
-        except AssetError as error:
-            self.add("include-missing", element, one_line(error))
-            return None
-        if path in seen or len(seen) >= MAX_INCLUDES:
-            self.add("include-repeated", element, f"{reference!r} is included again")
-            return None
-        seen.add(path)
-        try:
-            return path, xml.parse(xml.read_limited(path), file=path.name).getroot()
-        except OSError as error:
-            self.add("include-missing", element, f"{reference!r} cannot be read: {error.strerror}")
-        except DescriptionError as error:
-            _, line, reason = split_message(error)
-            self.report.add("xml-malformed", (self._shown(path), line), reason)
-        return None
-
-    def _locate_include(self, reference: str, base: Path) -> Path:
-        try:
-            return self.locate(reference)
-        except AssetError:
-            nested = (base / reference).resolve()
-            if nested.is_relative_to(self.folder.resolve()) and nested.is_file():
-                return nested
-            raise
-
 
 def open_document(
     path: Path, report: Report, packages: Mapping[str, Path], xacro_args: Mapping[str, str]
-) -> Document | None:
+) -> CheckedDocument | None:
     """Parse a description file; None where it is none, which the report then says.
 
     A `.xacro` file is expanded first; its findings name no lines, because those of the text it makes mean nothing.
@@ -153,18 +129,18 @@ def open_document(
     try:
         expanded = path.suffix == ".xacro"
         source = expand(path, packages, xacro_args) if expanded else xml.read_limited(path)
-        tree = xml.parse(source, file=report.file)
+        document = Document(source, file=report.file)
     except DescriptionError as error:
         _, line, reason = split_message(error)
         report.add("xml-malformed", (report.file, line), reason)
         return None
     try:
-        report.format = xml.root_format(tree, file=report.file)
+        report.format = document.format
     except DescriptionError as error:
         _, line, reason = split_message(error)
         report.add("root-element", (report.file, line), reason)
         return None
-    return Document(tree.getroot(), path, report, packages, lines=not expanded)
+    return CheckedDocument(document, path, report, packages, lines=not expanded)
 
 
 def split_message(error: Exception) -> tuple[str, int | None, str]:

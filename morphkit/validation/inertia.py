@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from morphkit.validation.document import Document
+from morphkit.validation.document import CheckedDocument
 
 _ROUNDING = 0.01
 _RELATIVE_ZERO = 1e-9
@@ -15,7 +15,7 @@ _SMALLEST = 1e-15
 
 
 def check_tensor(
-    doc: Document, element: Any, tensor: np.ndarray, *, mass: float, owner: str, name: str, counts: bool = True
+    doc: CheckedDocument, element: Any, tensor: np.ndarray, *, mass: float, owner: str, name: str, counts: bool = True
 ) -> bool:
     """Report an inertia tensor that no body has.
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from morphkit.validation.document import Document
+from morphkit.validation.document import CheckedDocument
 from morphkit.validation.meshes import check_density
 
 _LARGEST_SHARE = 10.0
@@ -38,7 +38,7 @@ def box(volume: float, half: Sequence[float] | np.ndarray, pose: Any) -> Shape:
 
 
 def check_body(
-    doc: Document,
+    doc: CheckedDocument,
     element: Any,
     name: str,
     *,

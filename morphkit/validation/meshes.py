@@ -11,7 +11,7 @@ import numpy as np
 
 from morphkit.formats.poses import Pose
 from morphkit.simulation.mesh_files import MAX_STL_FACES
-from morphkit.validation.document import Document
+from morphkit.validation.document import CheckedDocument
 
 FORMATS = (".stl", ".obj", ".msh")
 """What MuJoCo reads."""
@@ -60,7 +60,7 @@ class MeshFacts:
     up_axis: str | None = None
 
 
-def check_meshes(doc: Document, uses: Sequence[MeshUse], facts: Mapping[str, MeshFacts]) -> None:
+def check_meshes(doc: CheckedDocument, uses: Sequence[MeshUse], facts: Mapping[str, MeshFacts]) -> None:
     """Report meshes that cannot be read or have an unlikely size; `facts` is keyed by path."""
     _check_formats(doc, uses)
     _check_up_axes(doc, uses, facts)
@@ -79,7 +79,7 @@ def check_meshes(doc: Document, uses: Sequence[MeshUse], facts: Mapping[str, Mes
             doc.add("mesh-scale", use.element, f"{use.owner}: {use.path.name} measures {shown} m", name=use.link)
 
 
-def _check_formats(doc: Document, uses: Sequence[MeshUse]) -> None:
+def _check_formats(doc: CheckedDocument, uses: Sequence[MeshUse]) -> None:
     """Report each format that MuJoCo does not read once."""
     others: dict[str, dict[Path, Any]] = {}
     for use in uses:
@@ -92,7 +92,7 @@ def _check_formats(doc: Document, uses: Sequence[MeshUse]) -> None:
         doc.add("mesh-format", paths[first], f"{number} {suffix or 'without a suffix'}, such as {first.name}")
 
 
-def _check_up_axes(doc: Document, uses: Sequence[MeshUse], facts: Mapping[str, MeshFacts]) -> None:
+def _check_up_axes(doc: CheckedDocument, uses: Sequence[MeshUse], facts: Mapping[str, MeshFacts]) -> None:
     """Report once that there are meshes which some tools turn."""
     turned: dict[Path, MeshUse] = {}
     for use in uses:
@@ -106,7 +106,7 @@ def _check_up_axes(doc: Document, uses: Sequence[MeshUse], facts: Mapping[str, M
         doc.add("mesh-up-axis", first.element, f"{number} another up axis than z, such as {first.path.name} ({axis})")
 
 
-def check_density(doc: Document, element: Any, name: str, mass: float, volume: float) -> None:
+def check_density(doc: CheckedDocument, element: Any, name: str, mass: float, volume: float) -> None:
     """Report a mass, kg, that cannot fill a volume, m^3, or would be lost in it."""
     if volume <= 0:
         return

@@ -15,7 +15,7 @@ from morphkit.errors import AssetError, DescriptionError
 from morphkit.formats.mjcf_attach import files_of_model
 from morphkit.formats.mjcf_defaults import Defaults
 from morphkit.formats.poses import Angles, identity
-from morphkit.validation.document import Document, elements, one_line
+from morphkit.validation.document import CheckedDocument, elements, one_line
 from morphkit.validation.mass_properties import Shape, check_body
 from morphkit.validation.meshes import MeshFacts, MeshUse, corners
 
@@ -23,7 +23,7 @@ _FILES = ("file", "fileback", "filedown", "filefront", "fileleft", "fileright", 
 _PLACED_BY = ("refpos", "refquat")
 
 
-def find_meshes(doc: Document) -> dict[str, MeshUse]:
+def find_meshes(doc: CheckedDocument) -> dict[str, MeshUse]:
     """Return the meshes that are there by their name; files that are missing are reported."""
     settings = {key: value for section in elements(doc.root, "compiler") for key, value in section.attrib.items()}
     defaults = Defaults(doc.root)
@@ -46,14 +46,17 @@ def find_meshes(doc: Document) -> dict[str, MeshUse]:
     return {name: use for name, use in meshes.items() if use.scale.all()}
 
 
-def _find(doc: Document, asset: Any, reference: str) -> Path | None:
+def _find(doc: CheckedDocument, asset: Any, reference: str) -> Path | None:
     name = asset.get("name") or Path(reference).stem
     return doc.find_asset(asset, reference, f"{asset.tag} {name!r}", name, missing="mesh-missing")
 
 
-def _find_parts(doc: Document, asset: Any, model: Path) -> None:
+def _find_parts(doc: CheckedDocument, asset: Any, model: Path) -> None:
     """Report what a model to attach needs, from its own folder, and is missing."""
-    description = Description(model.stem, model.name, "mjcf", b"", doc.folder, packages=doc.packages)
+    source, packages = doc.document.source, doc.packages
+    description = Description(
+        model.stem, model.name, "mjcf", source, doc.folder, packages=packages, document=doc.document
+    )
     owner = f"model {(asset.get('name') or model.stem)!r}"
     try:
         files = list(files_of_model(model, description))
@@ -68,7 +71,7 @@ def _find_parts(doc: Document, asset: Any, model: Path) -> None:
             doc.find_asset(asset, posixpath.join(folder, each.reference), owner, model.name, missing="mesh-missing")
 
 
-def _use(doc: Document, asset: Any, name: str, path: Path, defaults: Defaults) -> MeshUse:
+def _use(doc: CheckedDocument, asset: Any, name: str, path: Path, defaults: Defaults) -> MeshUse:
     text = defaults.get(asset, "scale", "1 1 1")
     try:
         scale = np.array([float(word) for word in text.split()])
@@ -81,7 +84,7 @@ def _use(doc: Document, asset: Any, name: str, path: Path, defaults: Defaults) -
 
 
 def check_bodies(
-    doc: Document,
+    doc: CheckedDocument,
     inertials: Mapping[Any, tuple[float, Any, Any]],
     meshes: Mapping[str, MeshUse],
     facts: Mapping[str, MeshFacts],

@@ -10,7 +10,7 @@ from typing import Any
 from lxml import etree
 
 from morphkit.validation.common import index_names, unknown
-from morphkit.validation.document import Document, elements
+from morphkit.validation.document import CheckedDocument, elements
 
 EXPANDERS = ("attach", "replicate", "composite", "flexcomp")
 _IN_BODIES = {
@@ -70,7 +70,7 @@ def numbered(root: Any) -> tuple[str, dict[int, Any]]:
     return text, lines
 
 
-def check_names(doc: Document, made: Mapping[str, list[str]] | None) -> None:
+def check_names(doc: CheckedDocument, made: Mapping[str, list[str]] | None) -> None:
     """Report names used twice, and references to names that do not exist.
 
     Args:
@@ -100,7 +100,7 @@ def check_names(doc: Document, made: Mapping[str, list[str]] | None) -> None:
                 doc.add("reference-unknown", element, what, name=element.get("name") or "")
 
 
-def _index(doc: Document) -> dict[str, set[str]]:
+def _index(doc: CheckedDocument) -> dict[str, set[str]]:
     """Names by kind; those used twice are reported."""
     known: dict[str, set[str]] = {}
     bodies = [each for world in elements(doc.root, "worldbody") for each in world.iter("*")]
@@ -143,7 +143,7 @@ def _named_by(element: Any) -> Iterator[tuple[Any, str, str]]:
             yield element, kind, name
 
 
-def check_unused(doc: Document) -> None:
+def check_unused(doc: CheckedDocument) -> None:
     """Report meshes, materials, textures, height fields and default classes that nothing uses."""
     if not doc.complete or next(doc.root.iter("attach", "model"), None) is not None:
         return

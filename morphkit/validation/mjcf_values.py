@@ -8,7 +8,7 @@ from typing import Any
 
 from morphkit.formats.mjcf_defaults import Defaults
 from morphkit.validation.common import read_numbers
-from morphkit.validation.document import Document, elements
+from morphkit.validation.document import CheckedDocument, elements
 from morphkit.validation.inertia import check_tensor, symmetric
 
 _MANY = range(1, 1_000_000)
@@ -67,7 +67,7 @@ _TURNS = 6 * math.pi
 _KEYS = ("qpos", "qvel", "act", "ctrl", "mpos", "mquat")
 
 
-def check_numbers(doc: Document) -> None:
+def check_numbers(doc: CheckedDocument) -> None:
     """Report numbers that are none, ranges that are inverted and joint axes without length."""
     defaults = Defaults(doc.root)
     for section in elements(doc.root, "worldbody", "default", "actuator", "tendon", "contact"):
@@ -85,7 +85,7 @@ def check_numbers(doc: Document) -> None:
                     doc.add("range-inverted", element, f"{owner} has {key} {ends[0]:g} .. {ends[1]:g}", name=name)
 
 
-def check_inertials(doc: Document) -> dict[Any, tuple[float, Any, Any]]:
+def check_inertials(doc: CheckedDocument) -> dict[Any, tuple[float, Any, Any]]:
     """Report impossible masses and inertias.
 
     Returns:
@@ -128,7 +128,7 @@ def _parsed(element: Any, attribute: str, count: int) -> list[float] | None:
     return numbers if len(numbers) == count and all(map(math.isfinite, numbers)) else None
 
 
-def check_keyframes(doc: Document, sizes: Mapping[str, int] | None) -> None:
+def check_keyframes(doc: CheckedDocument, sizes: Mapping[str, int] | None) -> None:
     """Report keyframes that do not fit; `sizes` are the lengths of the model's vectors."""
     for key in (each for section in elements(doc.root, "keyframe") for each in elements(section, "key")):
         owner = f"keyframe {key.get('name')!r}" if key.get("name") else "a keyframe"
@@ -141,7 +141,7 @@ def check_keyframes(doc: Document, sizes: Mapping[str, int] | None) -> None:
             doc.add(rule, key, what, name=key.get("name") or "")
 
 
-def check_model(doc: Document, found: Mapping[str, Any], lines: Mapping[int, Any]) -> None:
+def check_model(doc: CheckedDocument, found: Mapping[str, Any], lines: Mapping[int, Any]) -> None:
     """Report what MuJoCo refused, and what only shows once defaults are applied.
 
     Args:
@@ -177,7 +177,7 @@ def check_model(doc: Document, found: Mapping[str, Any], lines: Mapping[int, Any
         doc.add("self-collision", body, what, name=second)
 
 
-def _check_units(doc: Document, hinges: list[dict[str, Any]], element_at: Any) -> None:
+def _check_units(doc: CheckedDocument, hinges: list[dict[str, Any]], element_at: Any) -> None:
     degrees = [each for each in hinges if each["degree"]]
     largest = max((max(abs(each["low"]), abs(each["high"])) for each in degrees), default=0.0)
     if len(degrees) > 1 and 0 < largest <= 2 * math.pi:

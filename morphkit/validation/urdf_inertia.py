@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from morphkit.formats.poses import Pose, urdf_pose
-from morphkit.validation.document import Document, elements
+from morphkit.validation.document import CheckedDocument, elements
 from morphkit.validation.mass_properties import Shape, box, check_body
 from morphkit.validation.meshes import MeshFacts, MeshUse, corners
 from morphkit.validation.urdf_links import Inertial
@@ -16,7 +16,7 @@ from morphkit.validation.urdf_tree import UrdfTree
 
 
 def check_masses(
-    doc: Document,
+    doc: CheckedDocument,
     tree: UrdfTree,
     inertials: Mapping[str, Inertial],
     uses: Sequence[MeshUse],

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from morphkit.validation.common import read_numbers, unknown
-from morphkit.validation.document import Document, elements
+from morphkit.validation.document import CheckedDocument, elements
 from morphkit.validation.urdf_tree import UrdfTree
 
 _ONE, _THREE = range(1, 2), range(3, 4)
@@ -18,7 +18,7 @@ _UNIT_TOLERANCE = 1e-3
 _RANGE_TOLERANCE = 0.02
 
 
-def check_joints(doc: Document, tree: UrdfTree) -> None:
+def check_joints(doc: CheckedDocument, tree: UrdfTree) -> None:
     """Report what is wrong with joints by themselves, and those that nothing drives."""
     limits = {name: _check_joint(doc, name, joint) for name, joint in tree.joints.items()}
     carried = {child for _, child in tree.ends.values()}
@@ -29,7 +29,7 @@ def check_joints(doc: Document, tree: UrdfTree) -> None:
     _check_drives(doc, tree)
 
 
-def _check_joint(doc: Document, name: str, joint: Any) -> tuple[float, float] | None:
+def _check_joint(doc: CheckedDocument, name: str, joint: Any) -> tuple[float, float] | None:
     """Check one joint and return its limits where it has proper ones."""
     owner, kind = f"joint {name!r}", joint.get("type")
     for element in elements(joint, "origin"):
@@ -58,7 +58,7 @@ def _check_joint(doc: Document, name: str, joint: Any) -> tuple[float, float] | 
     return _check_limit(doc, name, str(kind), limit, mimics=bool(elements(joint, "mimic")))
 
 
-def _check_limit(doc: Document, name: str, kind: str, limit: Any, *, mimics: bool) -> tuple[float, float] | None:
+def _check_limit(doc: CheckedDocument, name: str, kind: str, limit: Any, *, mimics: bool) -> tuple[float, float] | None:
     owner = f"joint {name!r}"
     values = {key: read_numbers(doc, limit, key, _ONE, owner=owner) for key in ("lower", "upper", "effort", "velocity")}
     if kind in _MOVING:
@@ -88,7 +88,7 @@ def _check_limit(doc: Document, name: str, kind: str, limit: Any, *, mimics: boo
     return low, high
 
 
-def _check_mimics(doc: Document, tree: UrdfTree, limits: dict[str, tuple[float, float] | None]) -> None:
+def _check_mimics(doc: CheckedDocument, tree: UrdfTree, limits: dict[str, tuple[float, float] | None]) -> None:
     target_of: dict[str, str] = {}
     for name, joint in tree.joints.items():
         for mimic in elements(joint, "mimic"):
@@ -114,7 +114,7 @@ def _check_mimics(doc: Document, tree: UrdfTree, limits: dict[str, tuple[float, 
 
 
 def _check_mimic_range(
-    doc: Document, name: str, mimic: Any, own: tuple[float, float], leader: tuple[float, float]
+    doc: CheckedDocument, name: str, mimic: Any, own: tuple[float, float], leader: tuple[float, float]
 ) -> None:
     try:
         factor, offset = float(mimic.get("multiplier") or 1.0), float(mimic.get("offset") or 0.0)
@@ -127,7 +127,7 @@ def _check_mimic_range(
         doc.add("mimic-range", mimic, what, name=name)
 
 
-def _check_drives(doc: Document, tree: UrdfTree) -> None:
+def _check_drives(doc: CheckedDocument, tree: UrdfTree) -> None:
     """Report transmissions that drive nothing, and moving joints without one where the file has transmissions."""
     driven: set[str] = set()
     blocks = elements(doc.root, "transmission")

@@ -11,7 +11,7 @@ import numpy as np
 
 from morphkit.formats.poses import Pose, identity, urdf_pose
 from morphkit.validation.common import read_numbers
-from morphkit.validation.document import Document, elements
+from morphkit.validation.document import CheckedDocument, elements
 from morphkit.validation.inertia import check_tensor, symmetric
 from morphkit.validation.meshes import MeshUse
 from morphkit.validation.urdf_tree import UrdfTree
@@ -43,7 +43,7 @@ class Inertial:
     counts: bool = True
 
 
-def check_links(doc: Document, tree: UrdfTree) -> tuple[dict[str, Inertial], list[MeshUse]]:
+def check_links(doc: CheckedDocument, tree: UrdfTree) -> tuple[dict[str, Inertial], list[MeshUse]]:
     """Report what is wrong with links by themselves; return their inertials and the meshes that are there."""
     inertials: dict[str, Inertial] = {}
     uses: list[MeshUse] = []
@@ -70,7 +70,7 @@ def check_links(doc: Document, tree: UrdfTree) -> tuple[dict[str, Inertial], lis
     return inertials, uses
 
 
-def _check_inertial(doc: Document, name: str, link: Any) -> Inertial | None:
+def _check_inertial(doc: CheckedDocument, name: str, link: Any) -> Inertial | None:
     """Return the link's inertial where it has a mass above zero."""
     owner = f"link {name!r}"
     element = next(iter(elements(link, "inertial")), None)
@@ -98,7 +98,7 @@ def _mark_negligible(tree: UrdfTree, inertials: Mapping[str, Inertial]) -> None:
                 inertials[name].counts = inertials[name].mass >= _NOTABLE_SHARE * total
 
 
-def _tensor(doc: Document, name: str, inertial: Inertial) -> np.ndarray | None:
+def _tensor(doc: CheckedDocument, name: str, inertial: Inertial) -> np.ndarray | None:
     owner, mass = f"link {name!r}", inertial.mass
     for element in elements(inertial.element, "inertia"):
         found = [read_numbers(doc, element, key, _ONE, owner=owner) for key in _MOMENTS]
@@ -116,7 +116,7 @@ def _tensor(doc: Document, name: str, inertial: Inertial) -> np.ndarray | None:
     return None
 
 
-def _check_shape(doc: Document, name: str, part: Any) -> list[MeshUse]:
+def _check_shape(doc: CheckedDocument, name: str, part: Any) -> list[MeshUse]:
     """Check a visual or collision; return its mesh, if it has one that is there."""
     owner = f"a {part.tag} of link {name!r}"
     pose = _pose(doc, part, owner)
@@ -139,7 +139,7 @@ def _check_shape(doc: Document, name: str, part: Any) -> list[MeshUse]:
     return _check_mesh(doc, name, part, shape, owner, pose)
 
 
-def _check_mesh(doc: Document, name: str, part: Any, shape: Any, owner: str, pose: Pose | None) -> list[MeshUse]:
+def _check_mesh(doc: CheckedDocument, name: str, part: Any, shape: Any, owner: str, pose: Pose | None) -> list[MeshUse]:
     scale = read_numbers(doc, shape, "scale", range(1, 4), owner=owner) or [1.0]
     if len(scale) < 3 and shape.get("scale") is not None:
         doc.add("number-invalid", shape, f"{owner} has scale {shape.get('scale')!r}, expected 3 numbers", name=name)
@@ -154,7 +154,7 @@ def _check_mesh(doc: Document, name: str, part: Any, shape: Any, owner: str, pos
     return [MeshUse(shape, name, owner, path, factors, pose)]
 
 
-def _pose(doc: Document, element: Any, owner: str) -> Pose | None:
+def _pose(doc: CheckedDocument, element: Any, owner: str) -> Pose | None:
     """The pose that the `<origin>` of an element gives; None where its numbers are wrong, which is then reported."""
     origin = next(iter(elements(element, "origin")), None)
     if origin is None:
@@ -166,6 +166,6 @@ def _pose(doc: Document, element: Any, owner: str) -> Pose | None:
     return urdf_pose(origin) if all(proper) else None
 
 
-def _find(doc: Document, element: Any, owner: str, name: str, *, decorates: bool) -> Path | None:
+def _find(doc: CheckedDocument, element: Any, owner: str, name: str, *, decorates: bool) -> Path | None:
     rule = "mesh-missing-visual" if decorates else "mesh-missing"
     return doc.find_asset(element, element.get("filename") or "", owner, name, missing=rule)

@@ -11,7 +11,7 @@ from morphkit.naming.unique import give_names
 from morphkit.readers.urdf_structure import JOINT_TYPES, XACRO_DEFINITIONS, is_xacro, xacro_name
 from morphkit.utils.suggest import did_you_mean
 from morphkit.validation.common import index_names, read_numbers, shorten, unknown
-from morphkit.validation.document import Document, elements
+from morphkit.validation.document import CheckedDocument, elements
 
 _OWN = ("robot", "link", "joint", "mesh", "origin", "parent", "child", "mass", "inertia", "limit")
 _FEW = 8
@@ -53,7 +53,7 @@ class UrdfTree:
             yield carrier, group
 
 
-def read_tree(doc: Document) -> UrdfTree:
+def read_tree(doc: CheckedDocument) -> UrdfTree:
     """Return links and joints, and report what keeps them from being one tree."""
     root = doc.root
     links = index_names(doc, elements(root, "link"), "link", required=True)
@@ -96,7 +96,7 @@ def read_tree(doc: Document) -> UrdfTree:
     return tree
 
 
-def _end(doc: Document, joint: Any, name: str, tag: str, links: dict[str, Any]) -> str | None:
+def _end(doc: CheckedDocument, joint: Any, name: str, tag: str, links: dict[str, Any]) -> str | None:
     element = next(iter(elements(joint, tag)), None)
     link = element.get("link") if element is not None else None
     if not link:
@@ -111,7 +111,7 @@ def _end(doc: Document, joint: Any, name: str, tag: str, links: dict[str, Any]) 
     return str(link)
 
 
-def _check_cycles(doc: Document, tree: UrdfTree) -> None:
+def _check_cycles(doc: CheckedDocument, tree: UrdfTree) -> None:
     """Report each cycle once, and take one of its joints out of the tree."""
     joint_to = {child: joint for joint, (_, child) in tree.ends.items()}
     safe: set[str] = set()
@@ -132,7 +132,7 @@ def _check_cycles(doc: Document, tree: UrdfTree) -> None:
         safe.update(path)
 
 
-def check_references(doc: Document, tree: UrdfTree) -> None:
+def check_references(doc: CheckedDocument, tree: UrdfTree) -> None:
     """Report references to links, joints and materials that do not exist."""
     root = doc.root
     for name, joint in tree.joints.items():
@@ -165,7 +165,7 @@ def check_references(doc: Document, tree: UrdfTree) -> None:
                 doc.add("reference-unknown", element, what, name=target)
 
 
-def _check_materials(doc: Document) -> None:
+def _check_materials(doc: CheckedDocument) -> None:
     top = elements(doc.root, "material")
     index_names(doc, top, "material", required=False)
     inline = [material for link in elements(doc.root, "link") for material in link.iter("material")]
@@ -189,7 +189,7 @@ def _check_materials(doc: Document) -> None:
             doc.add("asset-unused", material, what, name=material.get("name") or "")
 
 
-def check_xacro(doc: Document) -> None:
+def check_xacro(doc: CheckedDocument) -> None:
     """Report what xacro should have expanded."""
     for element in doc.root.iter():
         if not isinstance(element.tag, str):

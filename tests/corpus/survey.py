@@ -15,7 +15,7 @@ from morphkit.ablation.ablate import Cutter, Variant
 from morphkit.description import Description
 from morphkit.errors import MorphkitError
 from morphkit.formats import xml
-from morphkit.formats.resolve import flatten_includes
+from morphkit.formats.mjcf_include import flatten_includes
 from morphkit.readers import read
 from morphkit.registry import load
 from morphkit.simulation import spec as mujoco_spec

@@ -7,7 +7,8 @@ from lxml import etree
 
 from morphkit.errors import AssetError, DescriptionError
 from morphkit.formats import xml
-from morphkit.formats.resolve import flatten_includes, resolve_asset
+from morphkit.formats.mjcf_include import flatten_includes
+from morphkit.formats.resolve import resolve_asset
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ import pytest
 
 from morphkit.ablation.ablate import ablate
 from morphkit.description import Description
+from morphkit.formats.document import Document
 from morphkit.formats.source import Source
 
 KEY = b"""<mujoco>
@@ -20,7 +21,7 @@ KEY = b"""<mujoco>
 
 
 def with_qpos(value: str, source: bytes = KEY) -> bytes:
-    opened = Source(source, file="key.xml")
+    opened = Source(Document(source, file="key.xml"))
     opened.root[0].set("qpos", value)
     return opened.render()
 
@@ -50,7 +51,7 @@ def test_an_attribute_over_several_lines_keeps_them_where_words_go(value, before
 )
 def test_of_equal_words_those_go_that_stand_beside_the_others(words, left, cut):
     source = b'<mujoco><key qpos="%s"/></mujoco>'
-    opened = Source(source % words.encode(), file="key.xml")
+    opened = Source(Document(source % words.encode(), file="key.xml"))
     opened.root[0].set("qpos", left)
     assert opened.render() == source % cut.encode()
 
@@ -63,13 +64,13 @@ def test_an_attribute_with_new_words_is_written_on_one_line():
 @pytest.mark.parametrize("end", ["/>", " />", "\n/>", "></key>", "\n></key>"])
 def test_the_end_of_a_start_tag_stays_as_it_is_written(end):
     source = f'<mujoco><key name="a"\n  time="1"{end}</mujoco>'.encode()
-    opened = Source(source, file="key.xml")
+    opened = Source(Document(source, file="key.xml"))
     opened.root[0].set("time", "2")
     assert opened.render() == source.replace(b'"1"', b'"2"')
-    opened = Source(source, file="key.xml")
+    opened = Source(Document(source, file="key.xml"))
     opened.root[0].set("qpos", "3")
     assert opened.render() == source.replace(b'"1"', b'"1" qpos="3"')
-    opened = Source(source, file="key.xml")
+    opened = Source(Document(source, file="key.xml"))
     opened.root[0].attrib.pop("time")
     assert opened.render() == source.replace(b'\n  time="1"', b"")
 

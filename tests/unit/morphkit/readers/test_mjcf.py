@@ -260,15 +260,14 @@ def test_missing_assets_do_not_matter() -> None:
 def test_includes_and_attached_models(tmp_path: Path) -> None:
     (tmp_path / "leg.xml").write_text(f"<mujocoinclude>{body('leg', hinge('hip'))}</mujocoinclude>")
     (tmp_path / "arm.xml").write_text(f"<mujoco><worldbody>{body('arm', hinge('s'))}</worldbody></mujoco>")
-    description = mjcf(
+    inside = (
         '<asset><model name="arm" file="arm.xml"/></asset><worldbody><body name="t"><geom size=".1"/>'
-        '<include file="leg.xml"/><attach model="arm" body="arm" prefix="l_"/></body></worldbody>',
-        folder=tmp_path,
+        '<include file="leg.xml"/><attach model="arm" body="arm" prefix="l_"/></body></worldbody>'
     )
-    assert [limb.name for limb in read(description).limbs] == ["t", "leg", "l_arm"]
+    assert [limb.name for limb in read(mjcf(inside, folder=tmp_path)).limbs] == ["t", "leg", "l_arm"]
     (tmp_path / "arm.xml").unlink()
     with pytest.raises(AssetError, match=r"m\.xml:2: .*arm\.xml"):
-        read(description)
+        read(mjcf(inside, folder=tmp_path))
 
 
 def test_encodings() -> None:
