@@ -11,20 +11,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import PurePath
 
-from morphkit.ablation import mjcf, urdf
 from morphkit.ablation.loss import Loss
-from morphkit.ablation.mjcf_document import MjcfOpener, open_mjcf
-from morphkit.ablation.mjcf_names import keep_names
+from morphkit.ablation.opener import Opener, opener_of
 from morphkit.ablation.plan import make_plan
-from morphkit.ablation.rest_pose import Positions, mjcf_positions, urdf_positions
 from morphkit.ablation.symmetry import counterparts
 from morphkit.ablation.targets import UNSAFE, choose, wish_name
 from morphkit.ablation.unused_assets import Uses
 from morphkit.description import Description, RobotInfo
 from morphkit.errors import AblationError
-from morphkit.formats.document import document_of
-from morphkit.formats.source import Source
-from morphkit.formats.urdf_names import name_elements
 from morphkit.naming.limbs import canonical_limb_names
 from morphkit.readers import read
 
@@ -128,23 +122,12 @@ class Cutter:
     ) -> Variant:
         """`ablate` with exact names of limbs and fixed bodies, none of them the root, and none below another."""
         description, morphology = self.description, self.morphology
-        lost: list[Loss] = []
-        if description.format == "urdf":
-            source = self._urdf.again()
-            given = name_elements(source.root, file=description.file)
-            plan = make_plan(morphology, urdf.link_parents(source.root), remove, splice)
-            used = Uses(source.root) if drop_assets else None
-            lost += urdf.cut(source.root, plan, given)
-        else:
-            file = self._mjcf.open([*remove, *splice])
-            source = file.source
-            plan = make_plan(morphology, mjcf.body_parents(file.bodies), remove, splice)
-            lost += file.findings
-            used = Uses(source.root) if drop_assets else None
-            lost += mjcf.cut(source.root, file.bodies, plan, file.layout, file.bones)
-            lost += keep_names(source.root, description, file.given, spliced=bool(plan.splice))
+        file = self._opener.open([*remove, *splice])
+        plan = make_plan(morphology, file.parents(), remove, splice)
+        used = Uses(file.source.root) if drop_assets else None
+        lost = [*file.findings, *file.cut(plan)]
         if used is not None:
-            lost += used.drop(source.root)
+            lost += used.drop(file.source.root)
         gone = plan.gone
         reported = [label for body, label in gone.items() if body == label]
         spliced = tuple(label for label in reported if label in plan.splice)
@@ -153,7 +136,7 @@ class Cutter:
                 description,
                 name=name,
                 file=_file_name(name, PurePath(description.file).suffix),
-                source=source.render(),
+                source=file.source.render(),
                 info=self._info(bool(gone)),
             ),
             removed=tuple(label for label in reported if label not in spliced),
@@ -174,26 +157,13 @@ class Cutter:
     def counterparts(self, *, strict: bool = False) -> dict[str, str]:
         """The mirror image of every limb and fixed body that has one; see `mirror.counterparts`."""
         if strict not in self._images:
-            self._images[strict] = counterparts(self.morphology, self._positions, strict=strict)
+            positions = self._opener.positions(self.morphology.root.name)
+            self._images[strict] = counterparts(self.morphology, positions, strict=strict)
         return self._images[strict]
 
     @cached_property
-    def _positions(self) -> Positions:
-        base = self.morphology.root.name
-        if self.description.format == "urdf":
-            root = self._urdf.again().root
-            name_elements(root, file=self.description.file)
-            return urdf_positions(root, base)
-        file = self._mjcf.open([])
-        return mjcf_positions(file.source.root, file.bodies, base) if base in file.bodies else {}
-
-    @cached_property
-    def _urdf(self) -> Source:
-        return Source(document_of(self.description))
-
-    @cached_property
-    def _mjcf(self) -> MjcfOpener:
-        return MjcfOpener(self.description)
+    def _opener(self) -> Opener:
+        return opener_of(self.description)
 
     def _info(self, cut: bool) -> RobotInfo:
         info = self.description.info
@@ -222,15 +192,7 @@ def set_root_height(description: Description, height_m: float) -> Description:
     Raises:
         AblationError: The description is a URDF, which says nothing about where its root is.
     """
-    if description.format == "urdf":
-        raise AblationError(
-            f"{description.file}: a URDF does not say where its root link is, so its height cannot be set; the"
-            " simulation places it on the floor"
-        )
-    root = read(description).root.name
-    file = open_mjcf(description, [root])
-    mjcf.set_height(file.source.root, file.bodies[root], height_m)
-    return replace(description, source=file.source.render())
+    return replace(description, source=opener_of(description).set_height(read(description).root.name, height_m))
 
 
 def _file_name(name: str, suffix: str) -> str:

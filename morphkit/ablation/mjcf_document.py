@@ -13,10 +13,12 @@ from typing import Any
 import mujoco
 
 from morphkit.ablation.loss import Loss
-from morphkit.ablation.mjcf import body_elements
+from morphkit.ablation.mjcf import body_elements, body_parents, cut, set_height
 from morphkit.ablation.mjcf_keyframes import Layout
-from morphkit.ablation.mjcf_names import Given, given_names, parse_tree, unnamed
+from morphkit.ablation.mjcf_names import Given, given_names, keep_names, parse_tree, unnamed
 from morphkit.ablation.mjcf_references import Bones
+from morphkit.ablation.plan import Plan
+from morphkit.ablation.rest_pose import Positions, mjcf_positions
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
 from morphkit.formats.assets import mentions
@@ -43,6 +45,7 @@ class MjcfFile:
         layout: That of its keyframes.
         bones: The bodies that its skin files name.
         findings: What had to be done to the file before it could be cut.
+        description: What was opened.
     """
 
     source: Source
@@ -51,6 +54,17 @@ class MjcfFile:
     layout: Layout
     bones: Bones
     findings: tuple[Loss, ...]
+    description: Description
+
+    def parents(self) -> dict[str, str | None]:
+        """Parent of every body in file order; None at the top."""
+        return body_parents(self.bodies)
+
+    def cut(self, plan: Plan) -> list[Loss]:
+        """Edit the file; return what went beside the bodies themselves."""
+        root = self.source.root
+        lost = cut(root, self.bodies, plan, self.layout, self.bones)
+        return [*lost, *keep_names(root, self.description, self.given, spliced=bool(plan.splice))]
 
 
 class MjcfOpener:
@@ -80,6 +94,17 @@ class MjcfOpener:
             reason = f"{_MADE} were cut in MuJoCo's own output; comments and layout are lost"
             return self._expanded.open((*self._findings, Loss("format", self._description.file, "", reason)))
         return file
+
+    def positions(self, base: str) -> Positions:
+        """Where the bodies below `base` stand in the file's rest pose; none where the file does not spell it out."""
+        file = self.open([])
+        return mjcf_positions(file.source.root, file.bodies, base) if base in file.bodies else {}
+
+    def set_height(self, root: str, height_m: float) -> bytes:
+        """The file with the body `root` at another height above the world's origin, m."""
+        file = self.open([root])
+        set_height(file.source.root, file.bodies[root], height_m)
+        return file.source.render()
 
     @cached_property
     def _written(self) -> _Shared:
@@ -115,12 +140,7 @@ class _Shared:
         elements = zip(self._names, body_elements(source.root), strict=True)
         bodies = {name: element for name, element in elements if name is not None}
         given = list(zip(unnamed(source.root), self._given, strict=True))
-        return MjcfFile(source, bodies, given, self._layout, self._bones, findings)
-
-
-def open_mjcf(description: Description, wanted: Sequence[str]) -> MjcfFile:
-    """Open an MJCF description once; see `MjcfOpener.open`."""
-    return MjcfOpener(description).open(wanted)
+        return MjcfFile(source, bodies, given, self._layout, self._bones, findings, self._description)
 
 
 def _with(description: Description, document: Document) -> Description:

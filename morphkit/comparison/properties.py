@@ -12,7 +12,6 @@ import numpy as np
 
 from morphkit.description import Description
 from morphkit.morphology import Actuator, Morphology
-from morphkit.readers.urdf import drive_limits
 from morphkit.simulation.inspection_model import JOINT_KINDS, Mechanics, couplings, load_mechanics
 from morphkit.simulation.limb_inertia import limb_masses
 from morphkit.tokens.spec import TokenSpec, token_spec
@@ -82,7 +81,7 @@ def gather(description: Description) -> Facts:
         if mass is not None:
             limbs[name] |= {"mass": mass.mass, "centre of mass": mass.centre, "inertia": mass.moments}
     robot: dict[str, Value] = {"base": morphology.base, "family": morphology.family, "task": morphology.task}
-    if description.format == "mjcf":
+    if mechanics.states_dynamics:
         robot["start height"] = float(mechanics.model.body_pos[mechanics.root, 2])
     spec = token_spec(morphology, sensors="all")
     return Facts(
@@ -127,7 +126,6 @@ def _joints(mechanics: Mechanics) -> Table:
     model = mechanics.model
     table: Table = {}
     leaders = {follower: (leader, factors) for follower, leader, factors in couplings(model)}
-    limits = drive_limits(mechanics.description) if mechanics.description.format == "urdf" else {}
     for joint in mechanics.joints:
         kind, dof = JOINT_KINDS[int(model.jnt_type[joint])], model.jnt_dofadr[joint]
         limited = bool(model.jnt_limited[joint]) and kind != "free"
@@ -141,14 +139,14 @@ def _joints(mechanics: Mechanics) -> Table:
         if kind != "free":
             facts |= {"anchor": _numbers(model.jnt_pos[joint]), "damping": float(model.dof_damping[dof])}
             facts["friction loss"] = float(model.dof_frictionloss[dof])
-        if mechanics.description.format == "mjcf" and kind != "free":
+        if mechanics.states_dynamics and kind != "free":
             facts |= {"armature": float(model.dof_armature[dof]), "stiffness": float(model.jnt_stiffness[joint])}
         name = model.joint(joint).name
         leader, factors = leaders.get(joint, (None, ()))
         facts["follows"] = None if leader is None else model.joint(leader).name
         facts["coupling"] = None if leader is None else _numbers(np.trim_zeros(factors, "b"))
-        if name in limits:
-            facts["velocity limit"] = limits[name][1]  # MuJoCo knows no such bound
+        if name in mechanics.velocity_limits:
+            facts["velocity limit"] = mechanics.velocity_limits[name]  # MuJoCo knows no such bound
         table[name] = facts
     return table
 
@@ -160,7 +158,7 @@ def _actuator(mechanics: Mechanics, actuator: Actuator) -> dict[str, Value]:
         "unit": actuator.unit,
         "bounds": _bounds(actuator.low, actuator.high),
     }
-    if mechanics.description.format == "mjcf":
+    if mechanics.states_dynamics:
         facts |= _drive(mechanics.model, actuator.name)
     return facts
 

@@ -1,15 +1,21 @@
-"""What must hold in a URDF before anything else looks at it; every complaint names the line."""
+"""What must hold in a URDF: links and joints form a tree, numbers are numbers; every complaint names the line."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Container, Iterable, Mapping
+from typing import Any, Protocol
 
 from lxml import etree
 
 from morphkit.errors import DescriptionError
 from morphkit.utils.suggest import did_you_mean
 
+Element = Any
+"""An lxml element."""
+
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
+_FEW = 20
 _NUMBERS = {
     "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
     "axis": {"xyz": 3},
@@ -34,6 +40,127 @@ def xacro_name(element: etree._Element) -> str:
     return str(element.tag).rpartition("}")[2].removeprefix("xacro:")
 
 
+class TreeReport(Protocol):
+    """Is told what keeps links and joints from being trees."""
+
+    def joint_type(self, name: str, joint: Element) -> None:
+        """The joint has a type that URDF does not know."""
+
+    def no_end(self, name: str, joint: Element, tag: str) -> None:
+        """The joint names no link as its `parent` or `child`."""
+
+    def unknown_end(self, name: str, end: Element, tag: str, link: str) -> None:
+        """The link that the joint names as its `parent` or `child` does not exist."""
+
+    def second_parent(self, name: str, joint: Element, child: str, other: str, other_joint: Element) -> None:
+        """The joint's child is that of the joint `other` already."""
+
+    def cycle(self, name: str, joint: Element, loop: str) -> None:
+        """Links form a cycle, `a -> b -> a`, of which this is the last joint in the file."""
+
+
+def join_links(links: Container[str], joints: Mapping[str, Element], report: TreeReport) -> dict[str, tuple[str, str]]:
+    """Follow the joints from link to link.
+
+    Args:
+        links: Names of the links.
+        joints: Joint elements by name, in file order.
+        report: Is told what is wrong, and may raise.
+
+    Returns:
+        Joint name -> (parent link, child link), of joints whose ends exist. Those that give a link a second parent, and
+        the last joint of each cycle, are left out: what is left are trees.
+    """
+    ends: dict[str, tuple[str, str]] = {}
+    joint_to: dict[str, str] = {}
+    for name, joint in joints.items():
+        if joint.get("type") not in JOINT_TYPES:
+            report.joint_type(name, joint)
+        parent, child = (_end(name, joint, tag, links, report) for tag in ("parent", "child"))
+        if parent is None or child is None:
+            continue
+        if child in joint_to:
+            report.second_parent(name, joint, child, joint_to[child], joints[joint_to[child]])
+            continue
+        joint_to[child] = name
+        ends[name] = (parent, child)
+    for ring in _rings(ends, joint_to):
+        order = list(ends)
+        last = max((joint_to[link] for link in ring), key=order.index)
+        loop = " -> ".join(reversed([*ring, ring[0]])) if len(ring) < _FEW else f"{len(ring)} links from {ring[0]!r}"
+        report.cycle(last, joints[last], loop)
+        del ends[last]
+    return ends
+
+
+def _end(name: str, joint: Element, tag: str, links: Container[str], report: TreeReport) -> str | None:
+    element = joint.find(tag)
+    link = element.get("link") if element is not None else None
+    if element is None or not link:
+        report.no_end(name, joint, tag)
+        return None
+    if link not in links:
+        report.unknown_end(name, element, tag, link)
+        return None
+    return link
+
+
+def _rings(ends: Mapping[str, tuple[str, str]], joint_to: Mapping[str, str]) -> list[list[str]]:
+    """The cycles, each as its links from child to parent."""
+    rings: list[list[str]] = []
+    safe: set[str] = set()
+    for start in joint_to:
+        path: dict[str, None] = {}
+        link: str | None = start
+        while link is not None and link not in safe and link not in path:
+            path[link] = None
+            link = ends[joint_to[link]][0] if link in joint_to else None
+        if link is not None and link in path:
+            rings.append(list(path)[list(path).index(link) :])
+        safe.update(path)
+    return rings
+
+
+class _Refusal:
+    """Raises a DescriptionError for the first thing that is wrong."""
+
+    def __init__(self, file: str, links: Iterable[str]) -> None:
+        self._file, self._links = file, links
+
+    def joint_type(self, name: str, joint: Element) -> None:
+        kind = joint.get("type")
+        self._refuse(
+            joint,
+            f"joint {name!r} has type {kind!r}, expected one of"
+            f" {', '.join(JOINT_TYPES)}{did_you_mean(kind or '', JOINT_TYPES)}",
+        )
+
+    def no_end(self, name: str, joint: Element, tag: str) -> None:
+        self._refuse(joint, f'joint {name!r} has no {tag} link; write <{tag} link="..."/>')
+
+    def unknown_end(self, name: str, end: Element, tag: str, link: str) -> None:
+        self._refuse(
+            end,
+            f"{tag} link {link!r} of joint {name!r} does not exist; add"
+            f' <link name="{link}"/> or correct the name{did_you_mean(link, self._links)}',
+        )
+
+    def second_parent(self, name: str, joint: Element, child: str, other: str, other_joint: Element) -> None:
+        self._refuse(
+            joint,
+            f"link {child!r} is the child of joint {name!r} and of joint"
+            f" {other!r} (line {other_joint.sourceline}); a link has one parent",
+        )
+
+    def cycle(self, name: str, joint: Element, loop: str) -> None:
+        self._refuse(
+            joint, f"links form a cycle: {loop}; a URDF is a tree, remove joint {name!r} or another of the cycle"
+        )
+
+    def _refuse(self, element: Element, what: str) -> None:
+        raise DescriptionError(f"{self._file}:{element.sourceline}: {what}")
+
+
 def check_urdf(tree: etree._ElementTree, *, file: str) -> tuple[str, ...]:
     """Check links, joints and numbers, and return the names of the links without a parent, in file order.
 
@@ -54,28 +181,16 @@ def check_urdf(tree: etree._ElementTree, *, file: str) -> tuple[str, ...]:
             )
     if not links:
         raise DescriptionError(f"{file}:{root.sourceline}: no <link> in <robot>; a robot needs at least one")
-    parent_of: dict[str, str] = {}
-    joint_of: dict[str, etree._Element] = {}
-    for name, joint in joints.items():
-        kind = joint.get("type")
-        if kind not in JOINT_TYPES:
-            raise DescriptionError(
-                f"{file}:{joint.sourceline}: joint {name!r} has type {kind!r}, expected one of"
-                f" {', '.join(JOINT_TYPES)}{did_you_mean(kind or '', JOINT_TYPES)}"
-            )
-        parent = _end(joint, "parent", links, file)
-        child = _end(joint, "child", links, file)
-        if child in parent_of:
-            raise DescriptionError(
-                f"{file}:{joint.sourceline}: link {child!r} is the child of joint {name!r} and of joint"
-                f" {joint_of[child].get('name')!r} (line {joint_of[child].sourceline}); a link has one parent"
-            )
-        parent_of[child] = parent
-        joint_of[child] = joint
-        _check_numbers(joint, file)
-    for link in links.values():
-        _check_numbers(link, file)
-    _refuse_cycles(parent_of, joint_of, file)
+    ends = join_links(links, joints, _Refusal(file, links))
+    for element in [*joints.values(), *links.values()]:
+        _check_numbers(element, file)
+    _check_driven(root, joints, file)
+    children = {child for _, child in ends.values()}
+    return tuple(name for name in links if name not in children)
+
+
+def _check_driven(root: Element, joints: Mapping[str, Element], file: str) -> None:
+    """Refuse mimics and transmissions of joints that do not exist."""
     for name, joint in joints.items():
         for mimic in joint.iterchildren("mimic"):
             if mimic.get("joint") not in joints:
@@ -90,44 +205,6 @@ def check_urdf(tree: etree._ElementTree, *, file: str) -> tuple[str, ...]:
                     f"{file}:{element.sourceline}: transmission {transmission.get('name')!r} drives joint"
                     f" {element.get('name')!r}, which does not exist{did_you_mean(element.get('name') or '', joints)}"
                 )
-    return tuple(name for name in links if name not in parent_of)
-
-
-def _end(joint: etree._Element, tag: str, links: dict[str, etree._Element], file: str) -> str:
-    element = joint.find(tag)
-    name = joint.get("name")
-    link = element.get("link") if element is not None else None
-    if element is None or not link:
-        raise DescriptionError(
-            f'{file}:{joint.sourceline}: joint {name!r} has no {tag} link; write <{tag} link="..."/>'
-        )
-    if link not in links:
-        raise DescriptionError(
-            f"{file}:{element.sourceline}: {tag} link {link!r} of joint {name!r} does not exist; add"
-            f' <link name="{link}"/> or correct the name{did_you_mean(link, links)}'
-        )
-    return link
-
-
-def _refuse_cycles(parent_of: dict[str, str], joint_of: dict[str, etree._Element], file: str) -> None:
-    safe: set[str] = set()
-    for start in parent_of:
-        path: dict[str, None] = {}
-        link: str | None = start
-        while link is not None and link not in safe:
-            if link in path:
-                ring = list(path)
-                ring = ring[ring.index(link) :]
-                in_ring = set(ring)
-                joint = [joint for child, joint in joint_of.items() if child in in_ring][-1]
-                loop = " -> ".join(reversed([*ring, link])) if len(ring) < 20 else f"{len(ring)} links from {link!r}"
-                raise DescriptionError(
-                    f"{file}:{joint.sourceline}: links form a cycle: {loop}; a URDF is a tree, remove joint"
-                    f" {joint.get('name')!r} or another of the cycle"
-                )
-            path[link] = None
-            link = parent_of.get(link)
-        safe.update(path)
 
 
 def _check_numbers(element: etree._Element, file: str) -> None:

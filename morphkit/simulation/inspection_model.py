@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,6 +20,7 @@ from morphkit.errors import DescriptionError
 from morphkit.formats.document import Document, document_of
 from morphkit.morphology import Joint, JointKind, Morphology
 from morphkit.readers import read
+from morphkit.readers.urdf import drive_limits
 from morphkit.simulation import completion, visual_geoms
 from morphkit.simulation.spec import compile_spec, drop_shape, load_spec
 
@@ -43,6 +45,8 @@ class Mechanics:
         joints: Joint ids of the robot, those of its base first.
         base_joints: How many of `joints` move the root.
         weightless: Names of bodies whose mass is not known, because it follows from shapes that are missing.
+        velocity_limits: What a URDF says of its joints and MuJoCo does not know: velocity limit, rad/s (m/s), by joint;
+            None where it says none.
         notes: One sentence for each thing that was left out.
     """
 
@@ -55,7 +59,13 @@ class Mechanics:
     joints: tuple[int, ...]
     base_joints: int
     weightless: frozenset[str]
+    velocity_limits: Mapping[str, float | None]
     notes: tuple[str, ...]
+
+    @property
+    def states_dynamics(self) -> bool:
+        """Whether the file has words for start height, armature, stiffness and the gains of actuators: MJCF has."""
+        return self.morphology.format == "mjcf"
 
 
 def load_mechanics(description: Description, *, shapes: bool = True) -> Mechanics:
@@ -112,8 +122,14 @@ def load_mechanics(description: Description, *, shapes: bool = True) -> Mechanic
         joints=joints,
         base_joints=int(model.body_jntnum[root_id]),
         weightless=frozenset(weightless),
+        velocity_limits=_velocity_limits(description),
         notes=tuple(notes),
     )
+
+
+def _velocity_limits(description: Description) -> dict[str, float | None]:
+    limits = drive_limits(description) if description.format == "urdf" else {}
+    return {joint: velocity for joint, (_, velocity) in limits.items()}
 
 
 def base_joints(mechanics: Mechanics) -> tuple[Joint, ...]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from morphkit.formats.urdf_names import joint_calls
 from morphkit.naming.unique import give_names
-from morphkit.readers.urdf_structure import JOINT_TYPES, XACRO_DEFINITIONS, is_xacro, xacro_name
+from morphkit.readers.urdf_structure import JOINT_TYPES, XACRO_DEFINITIONS, is_xacro, join_links, xacro_name
 from morphkit.utils.suggest import did_you_mean
 from morphkit.validation.common import index_names, read_numbers, shorten, unknown
 from morphkit.validation.document import CheckedDocument, elements
@@ -31,12 +31,16 @@ class UrdfTree:
     joints: dict[str, Any]
     ends: dict[str, tuple[str, str]]
 
+    def children(self) -> set[str]:
+        """The links that have a parent."""
+        return {child for _, child in self.ends.values()}
+
     def groups(self) -> Iterator[tuple[str | None, list[str]]]:
         """Yield the rigid groups of links: name of the moving joint that carries the group, or None, and the links."""
         below: dict[str, list[str]] = {}
         for joint, (parent, _) in self.ends.items():
             below.setdefault(parent, []).append(joint)
-        children = {child for _, child in self.ends.values()}
+        children = self.children()
         pending: list[tuple[str | None, str]] = [(None, link) for link in reversed(self.links) if link not in children]
         while pending:
             carrier, first = pending.pop()
@@ -64,72 +68,50 @@ def read_tree(doc: CheckedDocument) -> UrdfTree:
     joints = dict(zip(give_names([joint.get("name") for joint in found], joint_calls(found)), found, strict=True))
     if not links:
         doc.add("robot-empty", root, "no <link> in <robot>")
-    tree = UrdfTree(links, joints, {})
-    joint_of: dict[str, str] = {}
-    complete = True
-    for name, joint in joints.items():
-        kind = joint.get("type")
-        if kind not in JOINT_TYPES:
-            hint = did_you_mean(kind or "", JOINT_TYPES)
-            doc.add("joint-type", joint, f"joint {name!r} has type {kind!r}{hint}", name=name)
-        parent, child = (_end(doc, joint, name, tag, links) for tag in ("parent", "child"))
-        if parent is None or child is None:
-            complete = False
-            continue
-        if child in joint_of:
-            other = joint_of[child]
-            doc.add(
-                "parents-several",
-                joint,
-                f"link {child!r} is the child of joint {name!r} and of joint {other!r}"
-                f" (line {joints[other].sourceline})",
-                name=child,
-            )
-            continue
-        joint_of[child] = name
-        tree.ends[name] = (parent, child)
-    _check_cycles(doc, tree)
-    roots = [link for link in links if link not in joint_of]
-    if len(roots) > 1 and complete:  # a broken joint is reported already, and is why its child has no parent
+    report = _TreeFindings(doc, links)
+    tree = UrdfTree(links, joints, join_links(links, joints, report))
+    roots = [link for link in links if link not in report.children and link not in tree.children()]
+    if len(roots) > 1 and report.complete:  # a broken joint is reported already, and is why its child has no parent
         listed = ", ".join(roots[:_FEW]) + (", ..." if len(roots) > _FEW else "")
         doc.add("roots-several", links[roots[1]], f"{len(roots)} links have no parent: {listed}", name=roots[1])
     return tree
 
 
-def _end(doc: CheckedDocument, joint: Any, name: str, tag: str, links: dict[str, Any]) -> str | None:
-    element = next(iter(elements(joint, tag)), None)
-    link = element.get("link") if element is not None else None
-    if not link:
+class _TreeFindings:
+    """Reports what is wrong.
+
+    Attributes:
+        complete: Whether both ends of all joints exist.
+        children: Links that a joint left out of the tree has as its child.
+    """
+
+    def __init__(self, doc: CheckedDocument, links: dict[str, Any]) -> None:
+        self._doc, self._links = doc, links
+        self.complete = True
+        self.children: set[str] = set()
+
+    def joint_type(self, name: str, joint: Any) -> None:
+        kind = joint.get("type")
+        hint = did_you_mean(kind or "", JOINT_TYPES)
+        self._doc.add("joint-type", joint, f"joint {name!r} has type {kind!r}{hint}", name=name)
+
+    def no_end(self, name: str, joint: Any, tag: str) -> None:
+        self.complete = False
         fix = f'Write <{tag} link="..."/>.'
-        doc.add("reference-unknown", joint, f"joint {name!r} has no {tag} link", name=name, fix=fix)
-        return None
-    if link not in links:
-        doc.add(
-            "reference-unknown", element, f"joint {name!r} has as {tag} {unknown(doc, 'link', link, links)}", name=name
-        )
-        return None
-    return str(link)
+        self._doc.add("reference-unknown", joint, f"joint {name!r} has no {tag} link", name=name, fix=fix)
 
+    def unknown_end(self, name: str, end: Any, tag: str, link: str) -> None:
+        self.complete = False
+        what = f"joint {name!r} has as {tag} {unknown(self._doc, 'link', link, self._links)}"
+        self._doc.add("reference-unknown", end, what, name=name)
 
-def _check_cycles(doc: CheckedDocument, tree: UrdfTree) -> None:
-    """Report each cycle once, and take one of its joints out of the tree."""
-    joint_to = {child: joint for joint, (_, child) in tree.ends.items()}
-    safe: set[str] = set()
-    for start in list(joint_to):
-        path: dict[str, None] = {}
-        link: str | None = start
-        while link is not None and link not in safe and link not in path:
-            path[link] = None
-            joint = joint_to.get(link)
-            link = tree.ends[joint][0] if joint in tree.ends else None
-        if link is not None and link in path:
-            ring = list(path)[list(path).index(link) :]
-            order = list(tree.joints)
-            last = max((joint_to[each] for each in ring), key=order.index)
-            loop = " -> ".join([*reversed(ring[:_FEW]), ring[0]] if len(ring) <= _FEW else [*ring[:_FEW], "..."])
-            doc.add("cycle", tree.joints[last], f"links form a cycle: {loop}", name=last)
-            del tree.ends[last]
-        safe.update(path)
+    def second_parent(self, name: str, joint: Any, child: str, other: str, other_joint: Any) -> None:
+        what = f"link {child!r} is the child of joint {name!r} and of joint {other!r} (line {other_joint.sourceline})"
+        self._doc.add("parents-several", joint, what, name=child)
+
+    def cycle(self, name: str, joint: Any, loop: str) -> None:
+        self.children.add(joint.find("child").get("link"))
+        self._doc.add("cycle", joint, f"links form a cycle: {loop}", name=name)
 
 
 def check_references(doc: CheckedDocument, tree: UrdfTree) -> None:
