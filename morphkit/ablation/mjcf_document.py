@@ -25,12 +25,12 @@ from morphkit.formats.assets import mentions
 from morphkit.formats.document import Document, document_of
 from morphkit.formats.mjcf_include import flattened
 from morphkit.formats.mjcf_names import name_elements
+from morphkit.formats.mjcf_schema import EXPANDERS, FILE_FOLDERS, drop_file_settings, file_folder
 from morphkit.formats.resolve import locate
 from morphkit.formats.skin import bone_names
 from morphkit.formats.source import Source
 from morphkit.formats.xml import read_limited
 
-_EXPANDERS = ("replicate", "attach", "flexcomp", "composite")
 _MADE = "limbs made by replicate, attach or flexcomp"
 
 
@@ -112,7 +112,7 @@ class MjcfOpener:
 
     @cached_property
     def _expandable(self) -> bool:
-        return next(document_of(self._description).root.iter(*_EXPANDERS), None) is not None
+        return next(document_of(self._description).root.iter(*EXPANDERS), None) is not None
 
     @cached_property
     def _expanded(self) -> _Shared:
@@ -150,9 +150,9 @@ def _with(description: Description, document: Document) -> Description:
 
 def _reachable(file: MjcfFile, wanted: Sequence[str]) -> bool:
     """Whether all bodies `wanted` stand in the file, and nothing around or below them has to be expanded."""
-    if any(name not in file.bodies or next(file.bodies[name].iter(*_EXPANDERS), None) is not None for name in wanted):
+    if any(name not in file.bodies or next(file.bodies[name].iter(*EXPANDERS), None) is not None for name in wanted):
         return False
-    return not any(above.tag in _EXPANDERS for name in wanted for above in file.bodies[name].iterancestors())
+    return not any(above.tag in EXPANDERS for name in wanted for above in file.bodies[name].iterancestors())
 
 
 def _bones(root: Any, description: Description) -> Bones:
@@ -161,10 +161,9 @@ def _bones(root: Any, description: Description) -> Bones:
     for skin in root.iter("skin"):
         file = skin.get("file")
         if file is not None:
-            folders = [compiler.get("meshdir", compiler.get("assetdir")) for compiler in root.iterfind("compiler")]
-            folder = next((path for path in reversed(folders) if path), "")
             try:
-                bones[file] = bone_names(read_limited(locate(posixpath.join(folder, file), description)))
+                path = locate(posixpath.join(file_folder(root, FILE_FOLDERS["skin"]), file), description)
+                bones[file] = bone_names(read_limited(path))
             except (OSError, DescriptionError):
                 continue
     return bones
@@ -206,8 +205,5 @@ def _inner_paths(written: Document, description: Description) -> Document:
         if posixpath.isabs(path) and Path(path).is_relative_to(description.folder.resolve()):
             path = Path(os.path.relpath(path, description.folder.resolve())).as_posix()
         each.element.set(each.attribute, path)
-    for compiler in root.iterfind("compiler"):
-        for attribute in ("meshdir", "texturedir", "assetdir", "strippath"):
-            if attribute in compiler.attrib:
-                del compiler.attrib[attribute]
+    drop_file_settings(root)
     return Document.of_tree(tree, file=description.file)

@@ -7,41 +7,13 @@ from typing import Any
 
 from morphkit.ablation.loss import Loss
 from morphkit.formats.edit import detach, detach_emptied
+from morphkit.formats.mjcf_schema import references
 
 Removed = dict[tuple[str, str], str]
 """(kind, name) of everything removed -> the limb that it belonged or referred to."""
 Bones = Mapping[str, Sequence[str]]
 """`file` attribute of a skin -> the bodies that the file names."""
 
-_KIND_OF_ATTRIBUTE = {
-    "joint": "joint",
-    "joint1": "joint",
-    "joint2": "joint",
-    "jointinparent": "joint",
-    "site": "site",
-    "site1": "site",
-    "site2": "site",
-    "refsite": "site",
-    "slidersite": "site",
-    "cranksite": "site",
-    "sidesite": "site",
-    "geom": "geom",
-    "geom1": "geom",
-    "geom2": "geom",
-    "body": "body",
-    "body1": "body",
-    "body2": "body",
-    "subtree1": "body",
-    "subtree2": "body",
-    "node": "body",
-    "tendon": "tendon",
-    "tendon1": "tendon",
-    "tendon2": "tendon",
-    "actuator": "actuator",
-    "camera": "camera",
-    "flex": "flex",
-}
-_LISTS = ("body", "node")  # a flex names several bodies in one attribute
 _SECTIONS = ("contact", "deformable", "equality", "tendon", "actuator", "sensor", "custom", "asset")
 _KINDS = {"freejoint": "joint", "spatial": "tendon", "fixed": "tendon"}
 _BODY_PARTS = ("body", "joint", "freejoint", "geom", "site", "camera", "light")
@@ -128,22 +100,10 @@ def _hit(item: Any, removed: Removed, bones: Bones) -> tuple[str, str] | None:
     for element in item.iter():
         if not isinstance(element.tag, str):
             continue
-        for kind, name in _references(element):
+        for kind, name in references(element):
             if (kind, name) in removed:
                 return kind, name
     return None
-
-
-def _references(element: Any) -> Iterator[tuple[str, str]]:
-    for attribute, value in element.attrib.items():
-        kind = _KIND_OF_ATTRIBUTE.get(attribute)
-        if kind is not None:
-            for name in value.split() if attribute in _LISTS and element.tag == "flex" else [value]:
-                yield kind, name
-    for kind_attribute, name_attribute in (("objtype", "objname"), ("reftype", "refname")):
-        name = element.get(name_attribute)
-        if name is not None:
-            yield element.get(kind_attribute, "").replace("xbody", "body"), name
 
 
 def _drop_instance(root: Any, user: Any, named: str, limb: str) -> Iterator[Loss]:

@@ -8,9 +8,7 @@ from typing import Any
 
 from morphkit.ablation.loss import Loss
 from morphkit.formats.edit import detach, detach_emptied
-
-_ASSETS = ("mesh", "hfield", "material", "texture")
-_OBJECTS = {"objtype": "objname", "reftype": "refname"}
+from morphkit.formats.mjcf_schema import ASSETS, references
 
 
 class Uses:
@@ -42,7 +40,7 @@ class Uses:
 def _assets(root: Any) -> Iterator[tuple[str, str, Any]]:
     """Kind, name and element of every asset that can be referred to; in a URDF the robot's own materials."""
     for element in root.iterfind("asset/*") if root.tag == "mujoco" else root.iterfind("material"):
-        if element.tag in _ASSETS:
+        if element.tag in ASSETS:
             stem = posixpath.splitext(posixpath.basename(element.get("file", "")))[0]
             name = element.get("name") or stem
             if name:
@@ -51,7 +49,7 @@ def _assets(root: Any) -> Iterator[tuple[str, str, Any]]:
 
 def _used(root: Any) -> set[tuple[str, str]]:
     """Kind and name of everything that some element refers to."""
-    used = set()
+    used: set[tuple[str, str]] = set()
     for element in root.iter():
         if not isinstance(element.tag, str):
             continue
@@ -59,11 +57,5 @@ def _used(root: Any) -> set[tuple[str, str]]:
             if element.tag == "material" and element.getparent() is not root:
                 used.add(("material", element.get("name", "")))
             continue
-        for kind in _ASSETS:
-            name = element.get(kind)
-            if name is not None:
-                used.add((kind, name))
-        for kind_attribute, name_attribute in _OBJECTS.items():
-            if element.get(kind_attribute) in _ASSETS:
-                used.add((element.get(kind_attribute), element.get(name_attribute, "")))
+        used.update((kind, name) for kind, name in references(element) if kind in ASSETS)
     return used

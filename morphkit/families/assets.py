@@ -16,6 +16,7 @@ from morphkit.errors import MorphkitError
 from morphkit.formats.assets import Asset, Mention, find_asset, mentions, place_of
 from morphkit.formats.document import document_of
 from morphkit.formats.mjcf_attach import files_of_model
+from morphkit.formats.mjcf_schema import NAMED_BY_FILE, drop_file_settings
 from morphkit.formats.packages import split_reference
 from morphkit.formats.source import Source
 
@@ -115,9 +116,7 @@ def _rewrite(root: Any, targets: dict[str, str], *, in_place: bool) -> Iterator[
     if root.tag == "mujoco":
         # Names below a folder cannot lead out of it where it does not exist: all names are written out, without one.
         wrong = [each for each in mentions(root) if each.reference in targets or each.folder]
-        for compiler in root.iterfind("compiler"):
-            for attribute in ("meshdir", "texturedir", "assetdir", "strippath"):
-                compiler.attrib.pop(attribute, None)
+        drop_file_settings(root)
     for each in wrong:
         target = targets.get(each.reference, each.reference)
         if each.element.get(each.attribute) != target:
@@ -129,7 +128,7 @@ def _rewrite(root: Any, targets: dict[str, str], *, in_place: bool) -> Iterator[
 def _keep_name(element: Any, target: str) -> None:
     """Write the name of an asset that has that of its file, where the file is to have another."""
     stem = PurePosixPath(element.get("file", "")).stem
-    named = element.get("name") is not None or element.tag not in ("mesh", "hfield", "texture", "skin")
+    named = element.get("name") is not None or element.tag not in NAMED_BY_FILE
     if not named and stem not in ("", PurePosixPath(target).stem):
         element.set("name", stem)
 

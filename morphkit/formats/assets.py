@@ -11,11 +11,9 @@ from typing import Any
 from morphkit.description import Description
 from morphkit.errors import AssetError
 from morphkit.formats.document import document_of
+from morphkit.formats.mjcf_schema import FILE_FOLDERS, TEXTURE_FILES, file_folder, strips_paths
 from morphkit.formats.packages import split_reference
 from morphkit.formats.resolve import locate
-
-_TEXTURE_FILES = ("file", "fileback", "filedown", "filefront", "fileleft", "fileright", "fileup")
-_FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "texture": "texturedir"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,25 +72,17 @@ def mentions(root: Any) -> Iterator[Mention]:
             if element.get("filename"):
                 yield Mention(element, "filename", "", element.get("filename"))
         return
-    folders = {kind: asset_folder(root, kind) for kind in ("meshdir", "texturedir")}
-    strip = any(compiler.get("strippath") == "true" for compiler in root.iterfind("compiler"))
+    folders = {setting: file_folder(root, setting) for setting in FILE_FOLDERS.values()}
+    strip = strips_paths(root)
     for element in [*root.iterfind("asset/*"), *root.iterfind("deformable/skin")]:
-        if element.tag != "model" and element.tag not in _FOLDERS:
+        if element.tag != "model" and element.tag not in FILE_FOLDERS:
             continue
-        folder = folders.get(_FOLDERS.get(element.tag, ""), "")
-        for attribute in _TEXTURE_FILES if element.tag == "texture" else ("file",):
+        folder = folders.get(FILE_FOLDERS.get(element.tag, ""), "")
+        for attribute in TEXTURE_FILES if element.tag == "texture" else ("file",):
             name = element.get(attribute)
             if name:
                 name = posixpath.basename(name) if strip else name
                 yield Mention(element, attribute, folder, posixpath.join(folder, name))
-
-
-def asset_folder(root: Any, kind: str) -> str:
-    """What an MJCF file's `meshdir` or `texturedir` is, several `<compiler>` sections counting as one."""
-    folder = ""
-    for compiler in root.iterfind("compiler"):
-        folder = compiler.get(kind, compiler.get("assetdir", folder))
-    return str(folder)
 
 
 def place_of(reference: str) -> PurePosixPath | None:

@@ -19,6 +19,8 @@ ATTRIBUTES = 1000
 """Attributes of a tag; looking at them takes time with the square of their number."""
 CHAIN = 250
 """Links that hang one on another in what is simulated; MJCF nests them, and XML readers stop at 256 levels."""
+MESH_BYTES = 512 * 2**20
+"""Of a mesh file, unpacked; those of real robots have some megabytes."""
 NAME_LENGTH = 1000
 NUMBERS = 2**26
 """Numbers that one attribute may make MuJoCo allocate: pixels, heights, user data."""

@@ -21,9 +21,8 @@ from morphkit.formats.document import Document, document_of
 from morphkit.formats.limits import check_mjcf
 from morphkit.formats.mjcf_include import flattened
 from morphkit.formats.mjcf_locations import Places
+from morphkit.formats.mjcf_schema import drop_file_settings
 from morphkit.formats.resolve import locate
-
-_FOLDERS = ("meshdir", "texturedir", "assetdir", "strippath")
 
 
 def attach_models(tree: etree._ElementTree, description: Description, places: Places | None = None) -> dict[str, bytes]:
@@ -154,9 +153,7 @@ def _write_out_paths(root: etree._Element, part: Description) -> None:
         else:
             target = str(part.folder / each.reference)
         each.element.set(each.attribute, target)
-    for compiler in root.iter("compiler"):
-        for attribute in _FOLDERS:
-            if attribute in compiler.attrib:
-                del compiler.attrib[attribute]
-        if part.format == "urdf":
+    drop_file_settings(root)
+    if part.format == "urdf":
+        for compiler in root.iter("compiler"):
             compiler.set("strippath", "false")

@@ -10,10 +10,12 @@ from xml.parsers import expat
 
 from lxml import etree
 
+from morphkit.formats.mjcf_schema import EXPANDERS
+
 Place = tuple[str | None, str | None]
 """Name that the file has for an element, and `file:line`; None for what is not known."""
 
-_MAKERS = ("include", "model", "replicate", "flexcomp", "composite", "attach")
+_MAKERS = ("include", "model", *EXPANDERS)
 _SECTIONS = ("actuator", "sensor")
 _LINE = re.compile(r"line (\d+)")
 _NAMED_LINE = re.compile(r"Element '([^']*)', line (\d+)")

@@ -13,12 +13,10 @@ from typing import Any
 import numpy as np
 
 from morphkit.errors import AssetError
+from morphkit.formats.limits import MESH_BYTES
 
 MAX_STL_FACES = 200_000
 """MuJoCo refuses STL files with more."""
-
-MAX_MESH_BYTES = 512 * 2**20
-"""Of a mesh file, unpacked; those of real robots have some megabytes."""
 
 _HEAD, _FACE = 84, 50  # bytes in a binary STL
 _ASCII_BYTES = 512  # in which an STL that is text has its first facet
@@ -53,8 +51,8 @@ def _check_size(path: Path) -> None:
     if zipfile.is_zipfile(path):
         with contextlib.suppress(zipfile.BadZipFile), zipfile.ZipFile(path) as archive:
             size = max(size, sum(entry.file_size for entry in archive.infolist()))
-    if size > MAX_MESH_BYTES:
-        limit = MAX_MESH_BYTES // 2**20
+    if size > MESH_BYTES:
+        limit = MESH_BYTES // 2**20
         raise AssetError(f"{path}: {size / 2**20:.0f} MiB of mesh, more than the limit of {limit} MiB")
 
 

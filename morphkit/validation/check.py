@@ -7,6 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from morphkit.errors import DescriptionError
+from morphkit.formats.mjcf_schema import EXPANDERS
 from morphkit.validation import (
     mjcf_assets,
     mjcf_references,
@@ -97,7 +98,7 @@ def _check_mjcf(doc: CheckedDocument, path: Path, *, deep: bool) -> None:
     if len(tops) > 1:
         names = ", ".join(repr(body.get("name") or "") for body in tops[:8])
         doc.add("bodies-several", tops[1], f"{len(tops)} bodies hang on the world: {names}")
-    elif not tops and next(doc.root.iter(*mjcf_references.EXPANDERS), None) is None and doc.complete:
+    elif not tops and next(doc.root.iter(*EXPANDERS), None) is None and doc.complete:
         doc.add("robot-empty", doc.root, "no <body> in <worldbody>")
     if answer.model is not None:
         mjcf_values.check_model(doc, answer.model, lines)

@@ -12,6 +12,7 @@ import numpy as np
 
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
+from morphkit.formats.assets import mentions
 from morphkit.formats.mjcf_attach import files_of_model
 from morphkit.formats.mjcf_defaults import Defaults
 from morphkit.formats.poses import Angles, identity
@@ -19,30 +20,21 @@ from morphkit.validation.document import CheckedDocument, elements, one_line
 from morphkit.validation.mass_properties import Shape, check_body
 from morphkit.validation.meshes import MeshFacts, MeshUse, corners
 
-_FILES = ("file", "fileback", "filedown", "filefront", "fileleft", "fileright", "fileup")
 _PLACED_BY = ("refpos", "refquat")
 
 
 def find_meshes(doc: CheckedDocument) -> dict[str, MeshUse]:
     """Return the meshes that are there by their name; files that are missing are reported."""
-    settings = {key: value for section in elements(doc.root, "compiler") for key, value in section.attrib.items()}
     defaults = Defaults(doc.root)
     meshes: dict[str, MeshUse] = {}
-    for asset in (each for section in elements(doc.root, "asset") for each in elements(section)):
-        own = "texturedir" if asset.tag == "texture" else "meshdir"
-        folder = settings.get(own, settings.get("assetdir", "")) if asset.tag != "model" else ""
-        for attribute in _FILES:
-            reference = asset.get(attribute)
-            if not reference or (attribute != "file" and asset.tag != "texture"):
-                continue
-            if settings.get("strippath") == "true":
-                reference = posixpath.basename(reference)
-            path = _find(doc, asset, posixpath.join(folder, reference))
-            if path is not None and asset.tag == "model":
-                _find_parts(doc, asset, path)
-            if path is not None and asset.tag == "mesh":
-                name = asset.get("name") or Path(reference).stem
-                meshes[name] = _use(doc, asset, name, path, defaults)
+    for each in mentions(doc.root):
+        asset = each.element
+        path = _find(doc, asset, each.reference)
+        if path is not None and asset.tag == "model":
+            _find_parts(doc, asset, path)
+        if path is not None and asset.tag == "mesh":
+            name = asset.get("name") or Path(each.reference).stem
+            meshes[name] = _use(doc, asset, name, path, defaults)
     return {name: use for name, use in meshes.items() if use.scale.all()}
 
 

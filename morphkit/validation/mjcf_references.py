@@ -9,10 +9,10 @@ from typing import Any
 
 from lxml import etree
 
+from morphkit.formats.mjcf_schema import ASSETS, EXPANDERS, NAMED_BY_FILE, references
 from morphkit.validation.common import index_names, unknown
 from morphkit.validation.document import CheckedDocument, elements
 
-EXPANDERS = ("attach", "replicate", "composite", "flexcomp")
 _IN_BODIES = {
     "body": ("body",),
     "joint": ("joint", "freejoint"),
@@ -33,25 +33,8 @@ _IN_SECTIONS = {
     "keyframe": ("keyframe", None),
     "flex": ("deformable", "flex"),
 }
-_NAMED_BY_FILE = ("mesh", "texture", "hfield")
-_REFERENCES = {
-    "body": ("body", "body1", "body2", "subtree1", "subtree2", "target"),
-    "joint": ("joint", "joint1", "joint2", "jointinparent"),
-    "geom": ("geom", "geom1", "geom2"),
-    "site": ("site", "site1", "site2", "refsite", "slidersite", "cranksite", "sidesite"),
-    "camera": ("camera",),
-    "tendon": ("tendon", "tendon1", "tendon2"),
-    "actuator": ("actuator",),
-    "flex": ("flex",),
-    "mesh": ("mesh",),
-    "material": ("material",),
-    "texture": ("texture",),
-    "hfield": ("hfield",),
-}
-_KIND = {attribute: kind for kind, attributes in _REFERENCES.items() for attribute in attributes}
 _REFERRING = ("actuator", "sensor", "tendon", "equality", "contact", "deformable", "custom", "asset")
 _NOT_REFERRING = (*EXPANDERS, "model", "plugin", "instance", "config")
-_USED_ASSETS = ("mesh", "material", "texture", "hfield")
 
 
 def numbered(root: Any) -> tuple[str, dict[int, Any]]:
@@ -112,7 +95,7 @@ def _index(doc: CheckedDocument) -> dict[str, set[str]]:
             each for part in elements(doc.root, section) for each in elements(part) if tag is None or each.tag == tag
         ]
         known[kind] = set(index_names(doc, found, kind, required=False))
-        if kind in _NAMED_BY_FILE:
+        if kind in NAMED_BY_FILE:
             known[kind] |= {PurePosixPath(each.get("file", "")).stem for each in found if each.get("name") is None}
     return known
 
@@ -130,15 +113,7 @@ def _references(root: Any) -> Iterator[tuple[Any, str, str]]:
 
 
 def _named_by(element: Any) -> Iterator[tuple[Any, str, str]]:
-    for attribute, value in element.attrib.items():
-        kind = _KIND.get(attribute)
-        if kind is None or not value:
-            continue
-        # A flex names several bodies; no other reference is a list.
-        for name in value.split() if element.tag in ("flex", "skin") and attribute == "body" else [value]:
-            yield element, kind, name
-    for kind_of, name_of in (("objtype", "objname"), ("reftype", "refname")):
-        name, kind = element.get(name_of), element.get(kind_of, "").replace("xbody", "body")
+    for kind, name in references(element):
         if name and kind in (*_IN_BODIES, *_IN_SECTIONS):
             yield element, kind, name
 
@@ -147,12 +122,12 @@ def check_unused(doc: CheckedDocument) -> None:
     """Report meshes, materials, textures, height fields and default classes that nothing uses."""
     if not doc.complete or next(doc.root.iter("attach", "model"), None) is not None:
         return
-    used: dict[str, set[str]] = {kind: set() for kind in _USED_ASSETS}
+    used: dict[str, set[str]] = {kind: set() for kind in ASSETS}
     for element in doc.root.iter("*"):
-        for kind in _USED_ASSETS:
-            if element.get(kind) is not None:
-                used[kind].add(element.get(kind))
-    for asset in (each for section in elements(doc.root, "asset") for each in elements(section, *_USED_ASSETS)):
+        for kind, name in references(element):
+            if kind in used:
+                used[kind].add(name)
+    for asset in (each for section in elements(doc.root, "asset") for each in elements(section, *ASSETS)):
         name = asset.get("name") or PurePosixPath(asset.get("file", "")).stem
         if name and name not in used[asset.tag] and asset.get("type") != "skybox":
             doc.add("asset-unused", asset, f"nothing uses {asset.tag} {name!r}", name=name)

@@ -22,7 +22,6 @@ from morphkit.validation.meshes import MeshFacts
 
 LIMIT_S = 120
 LIMIT_BYTES = 8 * 1024**3
-MAX_MESH_BYTES = 256 * 1024**2
 
 
 @dataclass
@@ -101,8 +100,6 @@ def _take(answer: Answer, line: str) -> None:
 def _measure(path: Path) -> dict[str, Any]:
     from morphkit.simulation.mesh_files import load_mesh, up_axis
 
-    if path.stat().st_size > MAX_MESH_BYTES:
-        return {"problem": f"larger than {MAX_MESH_BYTES // 2**20} MiB"}
     mesh = load_mesh(path)
     if not np.all(np.isfinite(mesh.vertices)):
         return {"problem": "a vertex is not finite"}

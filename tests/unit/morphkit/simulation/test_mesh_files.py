@@ -13,8 +13,10 @@ import morphkit
 from morphkit.conversion.convert import convert
 from morphkit.conversion.write import write_conversion
 from morphkit.errors import AssetError
+from morphkit.simulation import mesh_files
 from morphkit.simulation.inspection_model import load_mechanics
 from morphkit.simulation.mesh_files import load_mesh, up_axis
+from morphkit.validation import sandbox
 from morphkit.validation.check import check
 
 # A tetrahedron whose corners are at 0, 1 x, 2 y and 3 z, moved along y by its node.
@@ -105,3 +107,12 @@ def test_an_up_axis_that_some_tools_follow_is_reported_once(tmp_path: Path, up: 
     found = [each for each in check(tmp_path / "r.urdf").findings if each.rule == "mesh-up-axis"]
     assert [each.line for each in found] == lines
     assert all(each.severity == "info" and "part.dae" in each.message for each in found)
+
+
+def test_check_and_the_loader_have_one_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "large.stl").write_bytes(b"x" * 300)
+    monkeypatch.setattr(mesh_files, "MESH_BYTES", 200)
+    with pytest.raises(AssetError, match="more than the limit"):
+        mesh_files.read_for_mujoco(tmp_path / "large.stl")
+    with pytest.raises(AssetError, match="more than the limit"):
+        sandbox._measure(tmp_path / "large.stl")
