@@ -15,6 +15,7 @@ size, which changes no time.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import gc
 import json
 import os
@@ -33,7 +34,8 @@ from torch import Tensor, nn
 
 from morphkit_rl.algorithms.td3 import TD3, resolve_precision
 from morphkit_rl.buffers.replay_buffer import Batch
-from morphkit_rl.config.train_config import ModelConfig, TD3Config
+from morphkit_rl.config.methods import ModelSettings, find_method
+from morphkit_rl.config.train_config import TD3Config
 from morphkit_rl.models import load_published
 from morphkit_rl.models.blocks import set_precision
 from morphkit_rl.models.layout import Layout
@@ -42,8 +44,10 @@ from morphkit_rl.models.vocabulary import Vocabulary
 LIMBS = ("torso", "bthigh", "bshin", "bfoot", "fthigh", "fshin", "ffoot")
 PARENTS = (-1, 0, 1, 2, 0, 4, 5)
 SCALARS = 19
-MODEL = ModelConfig(d_model=128, layers=3, heads=2, feedforward=256, code_size=96, token_size=32, message_size=32)
-TOY = ModelConfig(d_model=16, layers=1, heads=1, feedforward=16, code_size=4, token_size=4, message_size=4)
+PAPER = {
+    "d_model": 128, "layers": 3, "heads": 2, "feedforward": 256, "code_size": 96, "token_size": 32, "message_size": 32,
+}  # fmt: skip
+TOY = {"d_model": 16, "layers": 1, "heads": 1, "feedforward": 16, "code_size": 4, "token_size": 4, "message_size": 4}
 EMBEDDING = {"ma-bert": 768, "anymorph": 32}
 RATE = {"ma-bert": 5e-5, "anymorph": 5e-5, "amorpheus": 1e-4, "smp": 1e-4}
 TAU, NOISE, CLIP, DISCOUNT = 0.046, 0.2, 0.5, 0.99
@@ -83,14 +87,14 @@ def main() -> None:
 def measure(method: str, precisions: list[str], options: argparse.Namespace) -> dict[str, dict[str, float]]:
     """Milliseconds an update, ratio to the yardstick, errors and memory, by precision."""
     torch.manual_seed(0)
-    actor, critic = yardstick(method, MODEL)
+    actor, critic = yardstick(method, PAPER)
     tensors = {f"weights/actor/{k}": v for k, v in actor.state_dict().items()}
     tensors |= {f"weights/critic/{k}": v for k, v in critic.state_dict().items()}
     theirs = plain.TD3(
         actor.to(options.device), critic.to(options.device), learning_rate=RATE[method], tau=TAU,
         clip=0.0 if method == "smp" else 0.1,
     )  # fmt: skip
-    learners = {name: learner(method, MODEL, tensors, name, options.device) for name in precisions}
+    learners = {name: learner(method, PAPER, tensors, name, options.device) for name in precisions}
     batches = [batch(number, options.batch, len(LIMBS)) for number in range(2)]
     device_batches = [{k: torch.from_numpy(getattr(b, k)).to(options.device) for k in Batch.__slots__} for b in batches]
     rng = np.random.default_rng(0)
@@ -128,22 +132,29 @@ def measure(method: str, precisions: list[str], options: argparse.Namespace) -> 
     return rows
 
 
-def yardstick(method: str, model: ModelConfig) -> tuple[nn.Module, nn.Module]:
+def yardstick(method: str, sizes: dict[str, int]) -> tuple[nn.Module, nn.Module]:
     """Actor and critics, written plainly."""
-    sizes = (model.d_model, model.heads, model.feedforward, model.layers)
+    widths = (sizes["d_model"], sizes["heads"], sizes["feedforward"], sizes["layers"])
     if method == "smp":
-        width = (SCALARS, model.message_size, 2)
+        width = (SCALARS, sizes["message_size"], 2)
         return plain.ModularActor(PARENTS, *width), plain.ModularCritic(PARENTS, *width)
-    critic = plain.LimbCritic(len(LIMBS), SCALARS, *sizes)
+    critic = plain.LimbCritic(len(LIMBS), SCALARS, *widths)
     if method == "amorpheus":
-        return plain.LimbActor(len(LIMBS), SCALARS, *sizes), critic
-    size = EMBEDDING[method] if model is MODEL else model.token_size
+        return plain.LimbActor(len(LIMBS), SCALARS, *widths), critic
+    size = EMBEDDING[method] if sizes is PAPER else sizes["token_size"]
     frozen = method == "ma-bert"
-    return plain.TokenActor(len(LIMBS), SCALARS, size, model.code_size, *sizes, frozen=frozen), critic
+    return plain.TokenActor(len(LIMBS), SCALARS, size, sizes["code_size"], *widths, frozen=frozen), critic
+
+
+def settings(method: str, sizes: dict[str, int]) -> ModelSettings:
+    """Settings of a method, of those sizes that it has."""
+    own = find_method(method).settings
+    fields = {each.name for each in dataclasses.fields(own)}
+    return own(method=method, **{key: size for key, size in sizes.items() if key in fields})
 
 
 def learner(
-    method: str, model: ModelConfig, tensors: dict[str, Tensor], precision: str, device: str
+    method: str, sizes: dict[str, int], tensors: dict[str, Tensor], precision: str, device: str
 ) -> tuple[TD3, Layout]:
     """Our learner with the yardstick's weights."""
     actor, critic = load_published(method, tensors, LIMBS, PARENTS)
@@ -155,7 +166,7 @@ def learner(
     if method == "anymorph":
         vocabulary = actor.network.tokens.vocabulary
     size = actor.layout.embeddings.shape[1]
-    net = TD3(replace(model, method=method), config, size, vocabulary=vocabulary, device=device, precision=precision)
+    net = TD3(settings(method, sizes), config, size, vocabulary=vocabulary, device=device, precision=precision)
     for name, network in net.networks().items():
         network.load_state_dict((actor if name.startswith("actor") else critic).network.state_dict())
     return net, to(actor.layout, device)

@@ -15,8 +15,8 @@ from morphkit.morphology import Base, Morphology
 from morphkit.readers import read
 from morphkit.readers.mjcf import subtree
 from morphkit.simulation import completion
-from morphkit.simulation.completion import NUMBERS_PER_LIMB
 from morphkit.simulation.spec import compile_spec, load_spec
+from morphkit.tokens.quantities import numbers_per_limb, sensed_quantities
 from morphkit.tokens.spec import TokenSpec, token_spec
 
 
@@ -32,8 +32,8 @@ class Simulation:
         kinematics: A copy that senses limbs without computing forces. One step of it from a state, whatever the result,
             leaves in `sensordata` what `mj_forward` would sense there.
         limb_body: Body id of every limb, int (limbs,).
-        limb_sensor: Index in `sensordata` of every limb's numbers, int (limbs, 13): position, translational velocity,
-            rotational velocity, quaternion.
+        limb_sensor: Index in `sensordata` of every limb's numbers, int (limbs, numbers), in the order of
+            `tokens.quantities.sensed_quantities`.
         limb_joints: Joint ids of every limb, in the order of its angle tokens; none for the root.
         base_joints: Joint ids of the root: a free joint; x slide, z slide and y hinge of a planar base; none if fixed.
         notes: One sentence for each thing that was added or left out.
@@ -184,9 +184,9 @@ def _kinematics(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def _sensor_addresses(model: mujoco.MjModel, limbs: list[str]) -> np.ndarray:
-    """Index in `sensordata` of each limb's 13 numbers; the sensors of a limb follow one another."""
-    first = [model.sensor(f"morphkit/{limb}/position").adr[0] for limb in limbs]
-    return np.array(first)[:, None] + np.arange(NUMBERS_PER_LIMB)
+    """Index in `sensordata` of each limb's numbers; the sensors of a limb follow one another."""
+    first = [model.sensor(completion.limb_sensor(limb, sensed_quantities()[0].name)).adr[0] for limb in limbs]
+    return np.array(first)[:, None] + np.arange(numbers_per_limb())
 
 
 def _joints_of(model: mujoco.MjModel, body: int) -> tuple[int, ...]:

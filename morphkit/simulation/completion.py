@@ -13,6 +13,7 @@ from morphkit.description import Description
 from morphkit.errors import ConfigError
 from morphkit.morphology import Actuator, Base
 from morphkit.readers.urdf import drive_limits
+from morphkit.tokens.quantities import sensed_quantities
 
 FLOOR_NAME = "morphkit_floor"
 CLEARANCE_M = 0.01
@@ -21,13 +22,6 @@ URDF_ARMATURE = 0.01
 URDF_DAMPING = 0.1
 _TINY = 1e-300
 _MOST_BRAKING = 1e9  # rad/s^2 (m/s^2); MuJoCo starts anew beyond 1e10
-LIMB_SENSORS = (
-    ("position", mujoco.mjtSensor.mjSENS_FRAMEPOS),
-    ("translational_velocity", mujoco.mjtSensor.mjSENS_FRAMELINVEL),
-    ("rotational_velocity", mujoco.mjtSensor.mjSENS_FRAMEANGVEL),
-    ("quaternion", mujoco.mjtSensor.mjSENS_FRAMEQUAT),
-)
-NUMBERS_PER_LIMB = 13
 
 
 def add_floor(spec: mujoco.MjSpec, *, solid: bool) -> bool:
@@ -184,12 +178,17 @@ def add_motors(spec: mujoco.MjSpec, actuators: Sequence[Actuator]) -> None:
 
 
 def add_limb_sensors(spec: mujoco.MjSpec, bodies: Sequence[str]) -> None:
-    """Append the sensors that tokens are read from: 13 numbers a limb, world frame, of the limb's own body frame.
-
-    Position (3, m), translational velocity (3, m/s), rotational velocity (3, rad/s), quaternion (4, w first).
-    """
+    """Append the sensors that tokens are read from, those of a limb one after the other; see `tokens.quantities`."""
     for body in bodies:
-        for quantity, kind in LIMB_SENSORS:
+        for quantity in sensed_quantities():
             spec.add_sensor(
-                name=f"morphkit/{body}/{quantity}", type=kind, objtype=mujoco.mjtObj.mjOBJ_XBODY, objname=body
+                name=limb_sensor(body, quantity.name),
+                type=getattr(mujoco.mjtSensor, f"mjSENS_{str(quantity.sensor).upper()}"),
+                objtype=mujoco.mjtObj.mjOBJ_XBODY,
+                objname=body,
             )
+
+
+def limb_sensor(limb: str, quantity: str) -> str:
+    """Name of the sensor of a limb that a quantity is read from."""
+    return f"morphkit/{limb}/{quantity}"

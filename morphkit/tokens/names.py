@@ -4,53 +4,52 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from morphkit.morphology import Actuator, Joint, Limb, Morphology
 from morphkit.naming.limbs import canonical_joint_names, canonical_limb_names, numbered_labels
 from morphkit.naming.unique import unique
 from morphkit.naming.vocabulary import plain, split
+from morphkit.tokens import quantities
 
 Naming = Literal["raw", "canonical"]
 LimbNames = Literal["body", "joint"]
 TextStyle = Literal["words", "raw"]
 
-VELOCITY_LIMIT = 10.0
-"""What translational velocities are clipped to, m/s."""
 
-# quantity, components, unit, frame, limit
-_BODY_QUANTITIES: tuple[tuple[str, str, str, str | None, float | None], ...] = (
-    ("position", "xyz", "m", "world", None),
-    ("translational_velocity", "xyz", "m/s", "world", VELOCITY_LIMIT),
-    ("rotational_velocity", "xyz", "rad/s", "world", None),
-    ("exponential_map", "xyz", "rad", "world", None),
-    ("type", "0123", "1", None, None),
-)
-_JOINT_QUANTITIES = ("angle", "joint_range_low", "joint_range_high")
+class LimbScalar(NamedTuple):
+    """One scalar that a limb senses.
 
-QUANTITIES: tuple[str, ...] = (*(quantity for quantity, *_ in _BODY_QUANTITIES), *_JOINT_QUANTITIES)
-"""What sensor tokens measure, in their order within a limb."""
+    Attributes:
+        limb: Name of the limb.
+        suffix: What the token's name ends in.
+        quantity: What is sensed.
+        component: Which scalar of it; None where there is one.
+        unit: Its unit.
+        frame: The frame that it is seen from.
+        limit: What it is clipped to, plus and minus.
+    """
+
+    limb: str
+    suffix: str
+    quantity: str
+    component: str | None
+    unit: str
+    frame: str | None
+    limit: float | None
 
 
-Scalar = tuple[str, str, str, str | None, str, str | None, float | None]
-"""limb, what its name ends in, quantity, component, unit, frame, limit."""
-
-
-def limb_scalars(limb: Limb, labels: Mapping[str, str]) -> Iterator[Scalar]:
+def limb_scalars(limb: Limb, labels: Mapping[str, str]) -> Iterator[LimbScalar]:
     """The scalars of a limb in their order; `labels` says what its joints are called."""
-    for quantity, components, unit, frame, limit in _BODY_QUANTITIES:
-        for component in components:
-            yield limb.name, f"{quantity}_{component}", quantity, component, unit, frame, limit
+    for each in quantities.LIMB_QUANTITIES:
+        for part in each.components:
+            yield LimbScalar(limb.name, f"{each.name}_{part}", each.name, part, each.unit, each.frame, each.limit)
     joints: tuple[Joint | None, ...] = limb.joints or (None,)
     for joint in joints:
         start = f"{labels[joint.name]}_" if joint and len(limb.joints) > 1 else ""
-        for quantity, unit in _joint_units(joint).items():
-            yield limb.name, start + quantity, quantity, None, unit, None, None
-
-
-def _joint_units(joint: Joint | None) -> dict[str, str]:
-    unit = "m" if joint is not None and joint.kind == "slide" else "1"
-    return dict.fromkeys(_JOINT_QUANTITIES, unit)
+        unit = "m" if joint is not None and joint.kind == "slide" else "1"
+        for quantity in quantities.JOINT_QUANTITIES:
+            yield LimbScalar(limb.name, start + quantity, quantity, None, unit, None, None)
 
 
 def limb_labels(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from morphkit.errors import ConfigError, UnknownNameError
-from morphkit.tokens.names import QUANTITIES
+from morphkit.tokens.quantities import quantity_names
 from morphkit.tokens.spec import TokenSpec
 from morphkit.utils.suggest import did_you_mean
 
@@ -32,7 +32,7 @@ def take_quantities(spec: TokenSpec, names: Sequence[str]) -> TokenSpec:
     if not names:
         return spec
     present = {sensor.quantity for sensor in spec.sensors}
-    known = (*QUANTITIES, *sorted(present - set(QUANTITIES)), NO_LTV)
+    known = (*quantity_names(), *sorted(present - set(quantity_names())), NO_LTV)
     for name in names:
         if name not in known:
             raise UnknownNameError(

@@ -16,7 +16,6 @@ from morphkit.naming.unique import unique
 from morphkit.tokens import serialization
 from morphkit.tokens.declared_sensors import declared_readings
 from morphkit.tokens.names import (
-    VELOCITY_LIMIT,
     Naming,
     actuator_names,
     joint_labels,
@@ -27,7 +26,7 @@ from morphkit.tokens.names import (
 from morphkit.tokens.origins import Named, given_names
 from morphkit.tokens.records import ActuatorToken, SensorToken, TokenLimb
 
-__all__ = ["VELOCITY_LIMIT", "ActuatorToken", "Naming", "SensorToken", "TokenLimb", "TokenSpec", "token_spec"]
+__all__ = ["ActuatorToken", "Naming", "SensorToken", "TokenLimb", "TokenSpec", "token_spec"]
 
 SensorChoice = Literal["limb", "declared", "all"]
 _About = tuple[str | None, str, str | None, str, str | None, float | None, float | None]
@@ -150,9 +149,10 @@ def token_spec(
     body = "link" if morphology.format == "urdf" else "body"
     if sensors != "declared":
         for limb in morphology.limbs:
-            for _, suffix, quantity, component, unit, frame, limit in limb_scalars(limb, joints[limb.name]):
-                name = f"{labels[limb.name]}_{suffix}"
-                sensed.append((name, (limb.name, quantity, component, unit, frame, limit and -limit, limit)))
+            for scalar in limb_scalars(limb, joints[limb.name]):
+                name = f"{labels[limb.name]}_{scalar.suffix}"
+                limit = scalar.limit
+                sensed.append((name, (*scalar[:1], *scalar[2:6], limit and -limit, limit)))
                 named.append((name, body, limb.name))
     if sensors != "limb":
         for name, sensor, reading in declared_readings(morphology, canonical=naming == "canonical"):

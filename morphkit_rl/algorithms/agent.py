@@ -17,8 +17,8 @@ from morphkit_rl.algorithms.normalizer import Normalizer
 from morphkit_rl.algorithms.return_normalizer import ReturnNormalizer
 from morphkit_rl.algorithms.td3 import TD3, resolve_precision
 from morphkit_rl.buffers.replay_buffer import Batch
+from morphkit_rl.config.methods import find_method
 from morphkit_rl.config.train_config import TrainConfig
-from morphkit_rl.models import find
 from morphkit_rl.models.layout import Layout, build_layout
 from morphkit_rl.models.vocabulary import Vocabulary
 from morphkit_rl.runs import checkpoint, run_settings
@@ -60,7 +60,7 @@ class Agent:
 
     def __init__(self, config: TrainConfig, specs: Sequence[TokenSpec], device: str):
         self.config, self.device = config, device
-        self.method = find(config.model.method)
+        self.method = find_method(config.model.method)
         self.vocabulary = Vocabulary.of(specs)
         for spec in specs:  # before the networks, whose sizes would make no sense
             self.check(spec)

@@ -15,8 +15,9 @@ from morphkit.errors import CheckpointError, ConfigError
 from morphkit.tokens.spec import TokenSpec
 from morphkit_rl.algorithms.actions import ActionRows
 from morphkit_rl.algorithms.normalizer import Normalizer, normalize
+from morphkit_rl.config.methods import find_method
 from morphkit_rl.config.train_config import TrainConfig
-from morphkit_rl.models import find
+from morphkit_rl.models import build
 from morphkit_rl.models.layout import build_layout
 from morphkit_rl.models.vocabulary import Vocabulary
 from morphkit_rl.runs import checkpoint, run_settings
@@ -87,10 +88,10 @@ class Policy:
                 f"{folder}: made with embeddings of size {embedder.mean.size}; "
                 f"{config.text.encoder!r} gives {encoder.size}"
             )
-        method = find(config.model.method)
+        method = find_method(config.model.method)
         checkpoint.check_method(folder, state, method.name)
         tune = make_tuner(config.text.tune, embedder, vocabulary.texts)
-        actor, _ = method.build(config.model, embedder.size, vocabulary, tune)
+        actor, _ = build(config.model, embedder.size, vocabulary, tune)
         checkpoint.load_modules({"actor": actor}, arrays, folder / "policy.safetensors")
         return cls(actor, normalizer, embedder, config, [robot["name"] for robot in saved["robots"]], vocabulary)
 
@@ -127,7 +128,7 @@ class Policy:
                 stacklevel=3,
             )
         self._check_quantities(spec)
-        method = find(self.config.model.method)
+        method = find_method(self.config.model.method)
         method.check(spec, self.config.model, self.vocabulary)
         layout = build_layout([spec], self.embedder, actions=method.actions)
         names = cast(Any, self.actor).read_names(layout)

@@ -15,7 +15,8 @@ from morphkit_rl.algorithms.critic_losses import make_critic_loss
 from morphkit_rl.algorithms.normalizer import normalize
 from morphkit_rl.buffers.replay_buffer import Batch
 from morphkit_rl.config.learner_config import LearnerConfig
-from morphkit_rl.config.train_config import ModelConfig, TD3Config
+from morphkit_rl.config.methods import ModelSettings
+from morphkit_rl.config.train_config import TD3Config
 from morphkit_rl.models import build
 from morphkit_rl.models.blocks import set_precision
 from morphkit_rl.models.layout import Layout
@@ -42,7 +43,7 @@ class TD3:
 
     def __init__(
         self,
-        model: ModelConfig,
+        model: ModelSettings,
         config: TD3Config,
         embedding_size: int,
         *,
@@ -208,7 +209,7 @@ class TD3:
 
 
 def build_networks(
-    model: ModelConfig,
+    model: ModelSettings,
     learner: LearnerConfig,
     embedding_size: int,
     vocabulary: Vocabulary | None = None,

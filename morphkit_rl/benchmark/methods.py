@@ -7,15 +7,14 @@ from collections.abc import Sequence
 from morphkit.errors import ConfigError, UnknownNameError
 from morphkit.utils.suggest import did_you_mean
 from morphkit_rl.benchmark.published import paper_settings
+from morphkit_rl.config.methods import find_method, method_names
 from morphkit_rl.config.train_config import TrainConfig, load_config, presets
-from morphkit_rl.models import METHODS
 
 EVALUATE_STEPS = 50_000
 """Counted steps between two noise-free evaluations of the training robots."""
 
 _PAPER = "-paper"
 _NO_TYPES = "-no-ltv"
-_OWN_PRESETS = {"limb-former": "default"}
 
 
 def preset_of(method: str) -> str:
@@ -25,15 +24,15 @@ def preset_of(method: str) -> str:
 
     Raises:
         UnknownNameError: There is neither such a method nor such a preset.
+        ConfigError: A method of another package cannot be imported.
     """
     known = presets()
     method = method.removesuffix(_NO_TYPES)
-    for preset in (_OWN_PRESETS.get(method), method + _PAPER, method):
-        if preset in known:
-            return preset
-    if method in METHODS:
-        raise UnknownNameError(f"method {method!r} has no preset of its own; give one with --preset")
-    names = sorted({*METHODS, *known})
+    if method in method_names():
+        return find_method(method).preset
+    if method in known:
+        return method
+    names = sorted({*method_names(), *known})
     raise UnknownNameError(f"no method or preset {method!r}{did_you_mean(method, names)}; there is {', '.join(names)}")
 
 
@@ -58,6 +57,6 @@ def method_config(method: str, split: str, *, preset: str | None = None, overrid
     without_types = ['trainer.sensors=["no_ltv"]'] if method.endswith(_NO_TYPES) else []
     config = load_config(name, [f"trainer.evaluate_steps={EVALUATE_STEPS}", *by_split, *without_types, *overrides])
     base = method.removesuffix(_NO_TYPES)
-    if base in METHODS and config.model.method != base:
+    if base in method_names() and config.model.method != base:
         raise ConfigError(f"preset {name} is for method {config.model.method!r}, not for {base!r}")
     return config

@@ -10,7 +10,7 @@ from morphkit_rl.benchmark.cells import Cell, Plan
 from morphkit_rl.benchmark.definition import Benchmark
 from morphkit_rl.benchmark.methods import method_config
 from morphkit_rl.benchmark.published import published_steps
-from morphkit_rl.models import find
+from morphkit_rl.config.methods import find_method
 from morphkit_rl.runs.run_settings import prepare_robot
 
 EPISODES = 10
@@ -66,7 +66,7 @@ def plan_matrix(
                 for body in (*bodies.train, *bodies.validation, *bodies.test):
                     key = (body.name, body.sha256, repr(config))
                     if key not in checked:
-                        find(config.model.method).check(prepare_robot(config, body).spec, config.model)
+                        find_method(config.model.method).check(prepare_robot(config, body).spec, config.model)
                         checked.add(key)
             found += [
                 Plan(Cell(split, task, name, seed), bodies, configs[name], steps, minutes, episodes, validate)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from morphkit_rl.config.parsing import bounded
+
 
 @dataclass(frozen=True, slots=True)
 class LearnerConfig:
@@ -32,15 +34,15 @@ class LearnerConfig:
     """
 
     critic: Literal["method", "perceptron"] = "method"
-    critic_width: int = 256
-    critic_layers: int = 2
+    critic_width: int = bounded(256, at_least=1)
+    critic_layers: int = bounded(2, at_least=1)
     value: Literal["scalar", "categorical"] = "scalar"
     atoms: int = 101
     support: float = 5.0
     actor_objective: Literal["first", "mean"] = "first"
     normalize_returns: bool = False
     critic_learning_rate: float = 0.0
-    final_learning_rate: float = 1.0
+    final_learning_rate: float = bounded(1.0, at_most=1)
     noise_spread: float = 0.0
-    actor_average: float = 0.0
+    actor_average: float = bounded(0.0, at_most=1)
     sample_ahead: bool = False

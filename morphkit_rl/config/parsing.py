@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import tomllib
 import types
 import typing
@@ -11,6 +12,11 @@ from typing import Any, Literal
 
 from morphkit.errors import ConfigError
 from morphkit.utils.suggest import did_you_mean_or_list
+
+
+def bounded(default: Any, *, at_least: float = 0, at_most: float = math.inf) -> Any:
+    """A number in a settings dataclass, with the bounds that it is checked against; others must be at least 0."""
+    return dataclasses.field(default=default, metadata={"at_least": at_least, "at_most": at_most})
 
 
 def override(values: dict[str, Any], text: str) -> None:
@@ -35,6 +41,8 @@ def override(values: dict[str, Any], text: str) -> None:
 def build(kind: type[Any], values: Mapping[str, Any], origin: str, section: str = "") -> Any:
     """Fill a dataclass, and those that are its fields, from nested settings.
 
+    A field whose metadata has `choose` is filled into the dataclass that this gives for its values and their name.
+
     Args:
         kind: The dataclass.
         values: Settings by name; those that are missing keep their defaults.
@@ -45,6 +53,7 @@ def build(kind: type[Any], values: Mapping[str, Any], origin: str, section: str 
         ConfigError: A setting does not exist, or has the wrong type or range.
     """
     hints = typing.get_type_hints(kind)
+    about = {each.name: each.metadata for each in dataclasses.fields(kind)}
     arguments: dict[str, Any] = {}
     for key, value in values.items():
         where = f"{section}.{key}" if section else key
@@ -54,22 +63,15 @@ def build(kind: type[Any], values: Mapping[str, Any], origin: str, section: str 
         if dataclasses.is_dataclass(hint):
             if not isinstance(value, Mapping):
                 raise ConfigError(f"{origin}: {where} is a section, not a value")
+            if choose := about[key].get("choose"):
+                hint = choose(value, f"{origin}: {where}")
             arguments[key] = build(typing.cast("type[Any]", hint), value, origin, where)
         else:
-            arguments[key] = _check(hint, value, f"{origin}: {where}")
+            arguments[key] = _check(hint, value, f"{origin}: {where}", about[key])
     return kind(**arguments)
 
 
-_AT_LEAST_ONE = (
-    "batch_size", "n_step", "policy_delay", "num_envs", "updates_per_sweep",
-    "replay_capacity", "evaluate_episodes", "d_model", "layers", "heads", "feedforward",
-    "code_size", "token_size", "message_size", "critic_width", "critic_layers",
-)  # fmt: skip
-_AT_MOST_ONE = ("discount", "tau", "final_learning_rate", "actor_average")
-
-
-def _check(hint: Any, value: Any, where: str) -> Any:
-    name = where.rpartition(".")[2]
+def _check(hint: Any, value: Any, where: str, bounds: Mapping[str, Any]) -> Any:
     if typing.get_origin(hint) is Literal:
         choices = typing.get_args(hint)
         if value not in choices:
@@ -84,11 +86,10 @@ def _check(hint: Any, value: Any, where: str) -> Any:
     if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
         raise ConfigError(f"{where} is {value!r}; expected {hint.__name__}")
     if hint in (int, float):
-        lowest = 1 if name in _AT_LEAST_ONE else 0
-        if not lowest <= value < float("inf"):
-            raise ConfigError(f"{where} is {value!r}; expected a number of at least {lowest}")
-        if name in _AT_MOST_ONE and value > 1:
-            raise ConfigError(f"{where} is {value!r}; expected a number from 0 to 1")
+        low, high = bounds.get("at_least", 0), bounds.get("at_most", math.inf)
+        if not low <= value <= high or math.isinf(value):
+            expected = f"of at least {low}" if math.isinf(high) else f"from {low} to {high}"
+            raise ConfigError(f"{where} is {value!r}; expected a number {expected}")
     return value
 
 

@@ -12,7 +12,8 @@ from typing import Any, Literal
 
 from morphkit.errors import ConfigError, UnknownNameError
 from morphkit_rl.config.learner_config import LearnerConfig
-from morphkit_rl.config.parsing import build, lists_for_tuples, override
+from morphkit_rl.config.methods import DEFAULT, ModelSettings, find_method, settings_of
+from morphkit_rl.config.parsing import bounded, build, lists_for_tuples, override
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,41 +47,6 @@ class TextConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class ModelConfig:
-    """Size of actor and critics.
-
-    Attributes:
-        method: Name of the method.
-        d_model: Width of a limb token.
-        layers: Transformer layers.
-        heads: Attention heads.
-        feedforward: Width of the feed-forward part of a layer.
-        conditioned: Amorpheus and the critics of MA-BERT and AnyMorph: whether the head reads a limb's scalars again.
-        code_size: MA-BERT and AnyMorph: size of the frequency code of a value; even.
-        combine: MA-BERT: whether a token's embedding and frequency code are concatenated or added.
-        hidden: MA-BERT and AnyMorph: whether one more hidden layer stands before the transformer.
-        token_size: AnyMorph: size of a learned token embedding.
-        message_size: SMP: size of a message.
-        actor_messages: SMP: which way messages go in the actor.
-        critic_messages: SMP: the same in the critics.
-    """
-
-    method: str = "limb-former"
-    d_model: int = 64
-    layers: int = 2
-    heads: int = 2
-    feedforward: int = 128
-    conditioned: bool = True
-    code_size: int = 96
-    combine: Literal["concat", "add"] = "concat"
-    hidden: bool = False
-    token_size: int = 32
-    message_size: int = 32
-    actor_messages: Literal["both", "up", "down", "none"] = "both"
-    critic_messages: Literal["both", "up", "down", "none"] = "both"
-
-
-@dataclass(frozen=True, slots=True)
 class TD3Config:
     """TD3 (Fujimoto et al. 2018).
 
@@ -105,11 +71,11 @@ class TD3Config:
             actor from fleeing to the ends of its range, where tanh passes no gradient back; 0, as published, for none.
     """
 
-    batch_size: int = 252
-    discount: float = 0.99
-    n_step: int = 1
-    tau: float = 0.02
-    policy_delay: int = 2
+    batch_size: int = bounded(252, at_least=1)
+    discount: float = bounded(0.99, at_most=1)
+    n_step: int = bounded(1, at_least=1)
+    tau: float = bounded(0.02, at_most=1)
+    policy_delay: int = bounded(2, at_least=1)
     actor_first: bool = False
     learning_rate: float = 6e-4
     target_noise: float = 0.2
@@ -146,20 +112,24 @@ class TrainerConfig:
     """
 
     schedule: Literal["sweeps", "rounds"] = "sweeps"
-    num_envs: int = 8
+    num_envs: int = bounded(8, at_least=1)
     start_steps: int = 20_000
     start_steps_per_robot: int = 0
-    updates_per_sweep: int = 4
-    replay_capacity: int = 2_000_000
+    updates_per_sweep: int = bounded(4, at_least=1)
+    replay_capacity: int = bounded(2_000_000, at_least=1)
     replay_dtype: Literal["float32", "float16"] = "float32"
     normalize: bool = True
     observation: Literal["fixed", "legacy"] = "fixed"
     sensors: tuple[str, ...] = ()
     evaluate_steps: int = 0
-    evaluate_episodes: int = 10
+    evaluate_episodes: int = bounded(10, at_least=1)
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
     log_seconds: float = 10.0
     checkpoint_seconds: float = 60.0
+
+
+def _default_model() -> ModelSettings:
+    return find_method(DEFAULT).settings(method=DEFAULT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +137,7 @@ class TrainConfig:
     """All settings of a training run."""
 
     text: TextConfig = field(default_factory=TextConfig)
-    model: ModelConfig = field(default_factory=ModelConfig)
+    model: ModelSettings = field(default_factory=_default_model, metadata={"choose": settings_of})
     td3: TD3Config = field(default_factory=TD3Config)
     learner: LearnerConfig = field(default_factory=LearnerConfig)
     trainer: TrainerConfig = field(default_factory=TrainerConfig)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import mujoco
@@ -10,24 +10,21 @@ import numpy as np
 
 from morphkit.naming.patterns import limb_type
 from morphkit.simulation.build import Simulation
-from morphkit.simulation.completion import NUMBERS_PER_LIMB
-from morphkit.tokens.names import VELOCITY_LIMIT
+from morphkit.tokens import quantities
 from morphkit.tokens.spec import TokenSpec
 from morphkit_rl.envs.selection import sensor_columns
 
 Observation = Literal["fixed", "legacy"]
 
-_FEATURES = 12
-_FIRST_FEATURE = {"position": 0, "translational_velocity": 3, "rotational_velocity": 6, "exponential_map": 9}
 _TAU = 2 * np.pi
 
 
 class ObservationPass:
     """Computes the observations of all environments of all robots at once.
 
-    Every limb of every environment is a row of 13 sensor numbers (`sensors`, float64 (rows, 13)), environment by
-    environment. A pass writes 12 features a row, then the joint angles, then values that never change into one source
-    buffer; a single gather puts them into token order.
+    Every limb of every environment is a row of sensor numbers (`sensors`, float64 (rows, numbers)), environment by
+    environment. A pass writes the scalars of the sensed quantities of each row, its features, then the joint angles,
+    then values that never change into one source buffer; a single gather puts them into token order.
 
     Args:
         simulations: The robots.
@@ -51,9 +48,15 @@ class ObservationPass:
         observation: Observation,
     ) -> None:
         self._legacy = observation == "legacy"
+        self._x = quantities.sensor_columns("position").start
+        self._lift = quantities.sensor_columns("translational_velocity").start + 2
+        self._turn = quantities.sensor_columns("rotational_velocity").start + 1
         num_envs = [len(start) for start in state_start]
         limbs = np.repeat([len(simulation.limb_body) for simulation in simulations], num_envs)
-        self.sensors = np.zeros((int(limbs.sum()), NUMBERS_PER_LIMB))
+        self.sensors = np.zeros((int(limbs.sum()), quantities.numbers_per_limb()))
+        self._features_of = _feature_columns()
+        self._x_feature = self._features_of["position"].start
+        self._width = max(columns.stop for columns in self._features_of.values())
         self.roots = np.cumsum(limbs) - limbs
         self._root_of = np.repeat(self.roots, limbs)
         joints = [_joint_table(simulation) for simulation in simulations]
@@ -76,15 +79,15 @@ class ObservationPass:
         joints: Sequence[int],
     ) -> None:
         """Allocate the source buffer, fill in its constants, and lay down where each token comes from."""
-        first_angle = len(self.sensors) * _FEATURES
+        first_angle = len(self.sensors) * self._width
         first_constant = first_angle + len(self._angle_state)
         next_feature, next_angle, next_constant = 0, first_angle, first_constant
         constants, gather = [np.zeros(0)], []
         for simulation, spec, n, n_joints in zip(simulations, specs, num_envs, joints, strict=True):
-            start, section, values = _token_sources(simulation, legacy=self._legacy)
+            start, section, values = _token_sources(simulation, self._features_of, legacy=self._legacy)
             chosen = sensor_columns(spec, simulation.tokens)
             start, section = start[chosen], section[chosen]
-            n_features = len(simulation.limb_body) * _FEATURES
+            n_features = len(simulation.limb_body) * self._width
             # Sections are numbered so that they index these: 0 constants, 1 features, -1 angles.
             origin = np.array([next_constant, next_feature, next_angle])[section]
             step = np.array([0, n_features, n_joints])[section]
@@ -94,25 +97,32 @@ class ObservationPass:
             next_constant += len(values)
         self._source = np.zeros(next_constant, np.float32)
         self._source[first_constant:] = np.concatenate(constants)
-        self._features = self._source[:first_angle].reshape(-1, _FEATURES)
+        self._features = self._source[:first_angle].reshape(-1, self._width)
+        self._sensed = [
+            (
+                each,
+                self.sensors[:, quantities.sensor_columns(each.name)],
+                self._features[:, self._features_of[each.name]],
+            )
+            for each in quantities.sensed_quantities()
+        ]
         self._angles = self._source[first_angle:first_constant]
         self._gather = np.concatenate(gather)
 
     def __call__(self, state: np.ndarray) -> np.ndarray:
         """Token values of all environments, float32, flat, a new array; `sensors` must hold those of `state`."""
-        sensors, features = self.sensors, self._features
-        features[:, 1:3] = sensors[:, 1:3]
-        np.clip(sensors[:, 3:6], -VELOCITY_LIMIT, VELOCITY_LIMIT, out=features[:, 3:6], casting="same_kind")
-        features[:, 6:9] = sensors[:, 6:9]
+        for quantity, numbers, out in self._sensed:
+            if quantity.rotation:
+                exponential_map(numbers, out=out)
+            elif quantity.limit is not None:
+                np.clip(numbers, -quantity.limit, quantity.limit, out=out, casting="same_kind")
+            else:
+                out[:] = numbers
+        x = self.sensors[:, self._x]
         if self._legacy:
-            roots = self.roots
-            features[:, 0] = sensors[:, 0]
-            features[roots, 0] = 0.0
-            lifted = sensors[roots, 5] + sensors[roots, 7] * sensors[roots, 0]
-            features[roots, 5] = np.clip(lifted, -VELOCITY_LIMIT, VELOCITY_LIMIT)
+            self._add_published_defects(x)
         else:
-            np.subtract(sensors[:, 0], sensors[self._root_of, 0], out=features[:, 0], casting="same_kind")
-        exponential_map(sensors[:, 9:13], out=features[:, 9:12])
+            np.subtract(x, x[self._root_of], out=self._features[:, self._x_feature], casting="same_kind")
         angles = state.take(self._angle_state)
         if len(self._balls):
             angles[self._balls] = 2 * np.arccos(np.minimum(np.abs(angles[self._balls]), 1.0))
@@ -121,6 +131,23 @@ class ObservationPass:
             angles[self._wrapped] = (angles[self._wrapped] + np.pi) % _TAU - np.pi
         np.multiply(angles, self._angle_scale, out=self._angles, casting="same_kind")
         return self._source.take(self._gather)
+
+    def _add_published_defects(self, x: np.ndarray) -> None:
+        """Subtracting the root's x overwrote the simulator's own array: see `docs/benchmark.md`."""
+        roots, lift, turn = self.roots, self._lift, self._turn
+        self._features[roots, self._x_feature] = 0.0
+        lifted = self.sensors[roots, lift] + self.sensors[roots, turn] * x[roots]
+        limit = quantities.VELOCITY_LIMIT
+        self._features[roots, self._features_of["translational_velocity"].start + 2] = np.clip(lifted, -limit, limit)
+
+
+def _feature_columns() -> dict[str, slice]:
+    """Which features of a limb belong to a sensed quantity."""
+    start, found = 0, {}
+    for quantity in quantities.sensed_quantities():
+        found[quantity.name] = slice(start, start + len(quantity.components))
+        start += len(quantity.components)
+    return found
 
 
 def exponential_map(quaternion: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
@@ -178,14 +205,23 @@ def _limb_types(simulation: Simulation, *, legacy: bool) -> list[int]:
     return [next((i for i, group in enumerate(groups) if word in group), -1) for word in words]
 
 
-def _token_sources(simulation: Simulation, *, legacy: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _token_sources(
+    simulation: Simulation, features: Mapping[str, slice], *, legacy: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where each token of a robot comes from.
+
+    Args:
+        simulation: The robot.
+        features: Which features of a limb belong to a sensed quantity.
+        legacy: Whether limb types are matched against body names whatever the family says.
 
     Returns:
         Index within its section of the source buffer, int (tokens,); the section, int (tokens,): 1 features of
         environment 0, -1 angles of environment 0, 0 constants; and the constants.
     """
     spec = simulation.tokens
+    components = {quantity.name: quantity.components for quantity in quantities.sensed_quantities()}
+    width = max(columns.stop for columns in features.values())
     types = _limb_types(simulation, legacy=legacy)
     first_joint = np.cumsum([0, *(len(joints) for joints in simulation.limb_joints)])
     seen = {"angle": [0] * len(types), "joint_range_low": [0] * len(types), "joint_range_high": [0] * len(types)}
@@ -193,8 +229,9 @@ def _token_sources(simulation: Simulation, *, legacy: bool) -> tuple[np.ndarray,
     section: list[int] = []
     constants: list[float] = []
     for token, limb in zip(spec.sensors, spec.token_limb, strict=True):
-        if token.quantity in _FIRST_FEATURE:
-            start.append(limb * _FEATURES + _FIRST_FEATURE[token.quantity] + "xyz".index(token.component or ""))
+        if token.quantity in features:
+            place = features[token.quantity].start + components[token.quantity].index(token.component or "")
+            start.append(limb * width + place)
             section.append(1)
             continue
         value = 0.0

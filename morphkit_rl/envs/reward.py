@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from morphkit.simulation.build import Simulation
+from morphkit.tokens.quantities import sensor_columns
 from morphkit_rl.envs.tasks import Task, start_pose
 
 
@@ -42,6 +43,7 @@ class RewardPass:
             return np.repeat(np.array([value(simulation, task) for simulation, task in robots]), num_envs, axis=0)
 
         self._sensors, self._root_row = sensors, root_row
+        self._position, self._turned = sensor_columns("position").start, sensor_columns("exponential_map")
         address = per_env(lambda simulation, _: _planar_addresses(simulation))
         self._forward, self._height, self._pitch = (env_start[:, None] + address).T
         self._height_offset = per_env(_height_offset)
@@ -69,7 +71,7 @@ class RewardPass:
         """World x of every environment's robot at flat `state`, m, (environments,); meaningless on a fixed base."""
         forward = state.take(self._forward)
         if len(self._free):
-            forward[self._free] = self._sensors[self._root_row[self._free], 0]
+            forward[self._free] = self._sensors[self._root_row[self._free], self._position]
         return forward
 
     def __call__(
@@ -90,8 +92,8 @@ class RewardPass:
         pitch = np.abs(state.take(self._pitch))
         if len(self._free):
             roots = self._sensors[self._root_row[self._free]]
-            height[self._free] = roots[:, 2]
-            pitch[self._free] = tilt(roots[:, 9:13], self._upright)
+            height[self._free] = roots[:, self._position + 2]
+            pitch[self._free] = tilt(roots[:, self._turned], self._upright)
         healthy = (height > self._low) & (height < self._high) & (pitch < self._max_pitch)
         if len(self._bounded):
             padded = np.append(np.abs(state), 0.0)  # reduceat needs an index past the last segment
@@ -102,10 +104,10 @@ class RewardPass:
     def _tip_height(self) -> np.ndarray:
         """Height of the tips above the root's frame, m."""
         limb = self._sensors[self._tip_row]
-        real, x, y, z = limb[:, 9:13].T
+        real, x, y, z = limb[:, self._turned].T
         up = np.stack([2 * (x * z - real * y), 2 * (y * z + real * x), 1 - 2 * (x * x + y * y)], axis=1)
-        roots = self._sensors[self._root_row[self._tip_env], 2]
-        return limb[:, 2] + np.einsum("ij,ij->i", up, self._tip_point) - roots
+        roots = self._sensors[self._root_row[self._tip_env], self._position + 2]
+        return limb[:, self._position + 2] + np.einsum("ij,ij->i", up, self._tip_point) - roots
 
 
 def tilt(quaternion: np.ndarray, upright: np.ndarray) -> np.ndarray:

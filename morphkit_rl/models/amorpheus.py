@@ -13,12 +13,14 @@ value Q_l of its own. A robot's reward is the reward of all of its limbs, roots 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
 
 from morphkit.tokens.spec import TokenSpec
-from morphkit_rl.config.train_config import ModelConfig
+from morphkit_rl.config.methods import Method, ModelSettings
+from morphkit_rl.config.parsing import bounded
 from morphkit_rl.models.blocks import MemberLinear
 from morphkit_rl.models.layout import Layout
 from morphkit_rl.models.limb_checks import check_limbs
@@ -29,25 +31,45 @@ INITIAL_RANGE = 0.1
 """Bound of the first weights of input layer and head, as published."""
 
 
+@dataclass(frozen=True, slots=True)
+class AmorpheusSettings(ModelSettings):
+    """Sizes of actor and critics.
+
+    Attributes:
+        d_model: Width of a limb token.
+        layers: Transformer layers.
+        heads: Attention heads.
+        feedforward: Width of the feed-forward part of a layer.
+        conditioned: Whether the head reads a limb's scalars again.
+    """
+
+    method: str = "amorpheus"
+    d_model: int = bounded(64, at_least=1)
+    layers: int = bounded(2, at_least=1)
+    heads: int = bounded(2, at_least=1)
+    feedforward: int = bounded(128, at_least=1)
+    conditioned: bool = True
+
+
 class LimbTransformer(nn.Module):
     """Limb scalars to one number a limb.
 
     Args:
         members: Number of independent networks evaluated side by side.
         scalars: Number of scalars in a limb.
-        config: Sizes, and whether the head is conditioned on the limb's scalars.
+        settings: Sizes, and whether the head is conditioned on the limb's scalars.
 
     Attributes:
         precision: What the encoder computes in; everything around it is float32.
     """
 
-    def __init__(self, members: int, scalars: int, config: ModelConfig):
+    def __init__(self, members: int, scalars: int, settings: AmorpheusSettings):
         super().__init__()
-        d_model = config.d_model
-        self.precision, self.conditioned = torch.float32, config.conditioned
+        d_model = settings.d_model
+        self.precision, self.conditioned = torch.float32, settings.conditioned
         self.read = MemberLinear(members, scalars, d_model).draw(INITIAL_RANGE, None)
-        self.encoder = Encoder(members, d_model, config.layers, config.heads, config.feedforward)
-        self.head = MemberLinear(members, d_model + scalars * config.conditioned, 1).draw(INITIAL_RANGE, 0)
+        self.encoder = Encoder(members, d_model, settings.layers, settings.heads, settings.feedforward)
+        self.head = MemberLinear(members, d_model + scalars * settings.conditioned, 1).draw(INITIAL_RANGE, 0)
 
     def forward(self, limbs: Tensor, layout: Layout) -> Tensor:
         """Map (members, batch, limbs, scalars) to (members, batch, limbs)."""
@@ -62,10 +84,10 @@ class LimbTransformer(nn.Module):
 class Actor(nn.Module):
     """(batch, tokens) -> (batch, limbs) in [-1, 1]."""
 
-    def __init__(self, scalars: int, config: ModelConfig):
+    def __init__(self, scalars: int, settings: AmorpheusSettings):
         super().__init__()
-        self.network = LimbTransformer(1, scalars, config)
-        self.last_layers = _last_layers(config)
+        self.network = LimbTransformer(1, scalars, settings)
+        self.last_layers = _last_layers(settings)
 
     def read_names(self, layout: Layout) -> None:
         """Names mean nothing to this method."""
@@ -78,10 +100,10 @@ class Actor(nn.Module):
 class TwinCritic(nn.Module):
     """Two values a limb: (batch, tokens), (batch, limbs) -> (2, batch, limbs)."""
 
-    def __init__(self, scalars: int, config: ModelConfig):
+    def __init__(self, scalars: int, settings: AmorpheusSettings):
         super().__init__()
-        self.network = LimbTransformer(2, scalars + 1, config)
-        self.last_layers = _last_layers(config)
+        self.network = LimbTransformer(2, scalars + 1, settings)
+        self.last_layers = _last_layers(settings)
 
     def value_robot(self, layout: Layout) -> Tensor:
         """(limbs,) robot of each value: one value a limb."""
@@ -93,15 +115,28 @@ class TwinCritic(nn.Module):
         return self.network(limbs.expand(members, -1, -1, -1), layout)
 
 
-def check(spec: TokenSpec, config: ModelConfig, vocabulary: Vocabulary | None = None) -> None:
+def check(spec: TokenSpec, settings: AmorpheusSettings, vocabulary: Vocabulary | None = None) -> None:
     """Raise ConfigError where the robot's limbs are not alike."""
-    check_limbs(config.method, spec, vocabulary)
+    check_limbs(settings.method, spec, vocabulary)
 
 
-def build(config: ModelConfig, embedding_size: int, vocabulary: Vocabulary) -> tuple[Actor, TwinCritic]:
+def build(settings: AmorpheusSettings, embedding_size: int, vocabulary: Vocabulary) -> tuple[Actor, TwinCritic]:
     """Actor and twin critics."""
-    return Actor(vocabulary.scalars, config), TwinCritic(vocabulary.scalars, config)
+    return Actor(vocabulary.scalars, settings), TwinCritic(vocabulary.scalars, settings)
 
 
-def _last_layers(config: ModelConfig) -> tuple[str, ...]:
-    return (f"network.encoder.layers.{config.layers - 1}.", "network.encoder.norm.", "network.head.")
+def _last_layers(settings: AmorpheusSettings) -> tuple[str, ...]:
+    return (f"network.encoder.layers.{settings.layers - 1}.", "network.encoder.norm.", "network.head.")
+
+
+METHOD = Method(
+    name="amorpheus",
+    summary="transformer over limbs that knows neither names nor kinship",
+    actions="limbs",
+    settings=AmorpheusSettings,
+    build=build,
+    check=check,
+    preset="amorpheus-paper",
+    label="Amorpheus",
+    color="#CC79A7",
+)

@@ -21,10 +21,29 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from morphkit.tokens.spec import TokenSpec
-from morphkit_rl.config.train_config import ModelConfig
+from morphkit_rl.config.methods import Method, ModelSettings
+from morphkit_rl.config.parsing import bounded
 from morphkit_rl.models.blocks import MemberLinear, TransformerLayer
 from morphkit_rl.models.layout import FOREIGN, Layout, Slots
 from morphkit_rl.models.vocabulary import Vocabulary
+
+
+@dataclass(frozen=True, slots=True)
+class LimbFormerSettings(ModelSettings):
+    """Sizes of actor and critics.
+
+    Attributes:
+        d_model: Width of a limb token.
+        layers: Transformer layers.
+        heads: Attention heads.
+        feedforward: Width of the feed-forward part of a layer.
+    """
+
+    method: str = "limb-former"
+    d_model: int = bounded(64, at_least=1)
+    layers: int = bounded(2, at_least=1)
+    heads: int = bounded(2, at_least=1)
+    feedforward: int = bounded(128, at_least=1)
 
 
 @dataclass(frozen=True)
@@ -161,16 +180,30 @@ class TwinCritic(nn.Module):
         return self.head(hidden).view(members, batch, robots)
 
 
-def check(spec: TokenSpec, config: ModelConfig, vocabulary: Vocabulary | None = None) -> None:
+def check(spec: TokenSpec, settings: LimbFormerSettings, vocabulary: Vocabulary | None = None) -> None:
     """Limb-Former expresses every robot."""
 
 
-def build(config: ModelConfig, embedding_size: int, vocabulary: Vocabulary) -> tuple[Actor, TwinCritic]:
+def build(settings: LimbFormerSettings, embedding_size: int, vocabulary: Vocabulary) -> tuple[Actor, TwinCritic]:
     """Actor and twin critics."""
     sizes = {
-        "d_model": config.d_model,
-        "layers": config.layers,
-        "heads": config.heads,
-        "feedforward": config.feedforward,
+        "d_model": settings.d_model,
+        "layers": settings.layers,
+        "heads": settings.heads,
+        "feedforward": settings.feedforward,
     }
     return Actor(embedding_size, **sizes), TwinCritic(embedding_size, **sizes)
+
+
+METHOD = Method(
+    name="limb-former",
+    summary="transformer over limbs whose weights follow from names",
+    actions="actuators",
+    settings=LimbFormerSettings,
+    build=build,
+    check=check,
+    reads_names="both",
+    preset="default",
+    label="Limb-Former",
+    color="#0072B2",
+)

@@ -17,6 +17,7 @@ with a tanh on every action. The robot's value is the sum over its limbs. Twin c
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import torch
@@ -24,7 +25,8 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from morphkit.tokens.spec import TokenSpec
-from morphkit_rl.config.train_config import ModelConfig
+from morphkit_rl.config.methods import Method, ModelSettings
+from morphkit_rl.config.parsing import bounded
 from morphkit_rl.kernels import mlp
 from morphkit_rl.models.blocks import MemberLinear, affine, first
 from morphkit_rl.models.layout import Layout
@@ -33,6 +35,22 @@ from morphkit_rl.models.smp_tree import Tree, tree
 from morphkit_rl.models.vocabulary import Vocabulary
 
 Direction = Literal["both", "up", "down", "none"]
+
+
+@dataclass(frozen=True, slots=True)
+class SmpSettings(ModelSettings):
+    """Sizes of actor and critics, and which way messages go.
+
+    Attributes:
+        message_size: Size of a message.
+        actor_messages: Which way messages go in the actor.
+        critic_messages: The same in the critics.
+    """
+
+    method: str = "smp"
+    message_size: int = bounded(32, at_least=1)
+    actor_messages: Direction = "both"
+    critic_messages: Direction = "both"
 
 
 class Widths(NamedTuple):
@@ -230,19 +248,32 @@ class TwinCritic(nn.Module):
         return torch.matmul((layout.robot_limbs > 0).to(values.dtype), values[:, limbs.place]).transpose(1, 2)
 
 
-def check(spec: TokenSpec, config: ModelConfig, vocabulary: Vocabulary | None = None) -> None:
+def check(spec: TokenSpec, settings: SmpSettings, vocabulary: Vocabulary | None = None) -> None:
     """Raise ConfigError where the robot's limbs are not alike, or a limb has more children than in training."""
-    check_limbs(config.method, spec, vocabulary)
-    if vocabulary and config.actor_messages != "none":
-        check_children(config.method, spec, max(vocabulary.children, 1))
+    check_limbs(settings.method, spec, vocabulary)
+    if vocabulary and settings.actor_messages != "none":
+        check_children(settings.method, spec, max(vocabulary.children, 1))
 
 
-def build(config: ModelConfig, embedding_size: int, vocabulary: Vocabulary) -> tuple[Actor, TwinCritic]:
+def build(settings: SmpSettings, embedding_size: int, vocabulary: Vocabulary) -> tuple[Actor, TwinCritic]:
     """Actor and twin critics."""
-    sizes = (vocabulary.scalars, config.message_size, vocabulary.children)
-    return Actor(*sizes, config.actor_messages), TwinCritic(*sizes, config.critic_messages)
+    sizes = (vocabulary.scalars, settings.message_size, vocabulary.children)
+    return Actor(*sizes, settings.actor_messages), TwinCritic(*sizes, settings.critic_messages)
 
 
 def _by_depth(limbs: Tensor, tree: Tree) -> Tensor:
     """(batch, limbs, scalars) -> (limbs by depth, batch, scalars)."""
     return limbs.transpose(0, 1)[tree.order]
+
+
+METHOD = Method(
+    name="smp",
+    summary="one module for all limbs, with messages along the tree",
+    actions="limbs",
+    settings=SmpSettings,
+    build=build,
+    check=check,
+    preset="smp-paper",
+    label="SMP",
+    color="#56B4E9",
+)

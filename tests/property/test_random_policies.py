@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from morphkit.description import Description
 from morphkit.readers import read
 from morphkit.tokens.spec import token_spec
-from morphkit_rl.config.train_config import ModelConfig
 from morphkit_rl.models import build
 from morphkit_rl.models.layout import build_layout
+from morphkit_rl.models.limb_former import LimbFormerSettings
 from tests.support.trees import mjcf_robots, urdf_robots
 
 SIZE = 6
@@ -35,7 +35,7 @@ def embed(texts: Sequence[str]) -> np.ndarray:
 )
 def test_a_robot_alone_and_among_others_gets_the_same(robots: list[Description], group_limbs: int, seed: int) -> None:
     torch.manual_seed(seed)
-    actor, critic = build(ModelConfig(d_model=8, layers=2, heads=2, feedforward=8), SIZE)
+    actor, critic = build(LimbFormerSettings(d_model=8, layers=2, heads=2, feedforward=8), SIZE)
     for parameter in (*actor.parameters(), *critic.parameters()):
         torch.nn.init.normal_(parameter, std=0.3)
     specs = [token_spec(read(robot)) for robot in robots]

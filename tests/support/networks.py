@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import zlib
 from collections.abc import Sequence
 from typing import Any
@@ -13,14 +14,16 @@ from morphkit.readers import read
 from morphkit.registry import load
 from morphkit.tokens.spec import TokenSpec, token_spec
 from morphkit_rl.buffers.replay_buffer import Batch
-from morphkit_rl.config.train_config import ModelConfig
-from morphkit_rl.models import build, find
+from morphkit_rl.config.methods import ModelSettings, find_method
+from morphkit_rl.models import build
 from morphkit_rl.models.layout import Layout, build_layout
 from morphkit_rl.models.vocabulary import Vocabulary
 
 TEXTS = ["ffoot position x", "front foot position x", "bthigh joint range low", "torso ctrl"]
 SIZE = 12
-SMALL = ModelConfig(d_model=16, layers=2, heads=2, feedforward=24, code_size=6, token_size=4, message_size=3)
+SMALL: dict[str, Any] = {
+    "d_model": 16, "layers": 2, "heads": 2, "feedforward": 24, "code_size": 6, "token_size": 4, "message_size": 3,
+}  # fmt: skip
 ROBOTS = ("hopper", "cheetah_4_back", "humanoid_2d_7_left_arm", "hopper_3")
 
 
@@ -34,10 +37,24 @@ def spec(name: str) -> TokenSpec:
 
 
 def layout_of(method: str, *names: str) -> Layout:
-    return build_layout([spec(name) for name in names], embed, actions=find(method).actions)
+    return build_layout([spec(name) for name in names], embed, actions=find_method(method).actions)
 
 
-def networks(config: ModelConfig, names: Sequence[str] = ROBOTS) -> tuple[Any, Any]:
+def small(method: str = "limb-former", **changes: Any) -> ModelSettings:
+    """Small settings of a method."""
+    own = find_method(method).settings
+    fields = {each.name for each in dataclasses.fields(own)}
+    return own(method=method, **{key: size for key, size in SMALL.items() if key in fields} | changes)
+
+
+def tiny_overrides(method: str) -> list[str]:
+    """Overrides that make the networks of a method tiny."""
+    sizes = {"d_model": 8, "layers": 1, "feedforward": 8, "code_size": 4, "token_size": 4, "message_size": 4}
+    fields = {each.name for each in dataclasses.fields(find_method(method).settings)}
+    return [f"model.method={method}", *(f"model.{key}={size}" for key, size in sizes.items() if key in fields)]
+
+
+def networks(config: ModelSettings, names: Sequence[str] = ROBOTS) -> tuple[Any, Any]:
     torch.manual_seed(0)
     return build(config, SIZE, Vocabulary.of([spec(name) for name in names]))
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from morphkit.errors import DependencyError
 from morphkit.utils.atomic_write import write_output
 from morphkit_rl.benchmark.published import OVERALL
+from morphkit_rl.config.methods import find_method, method_names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,22 +18,7 @@ if TYPE_CHECKING:
 
 INK, QUIET, GRID = "#262626", "#7A7A7A", "#E8E8E8"
 
-# Okabe and Ito's colours: told apart by people with any kind of colour vision.
-_COLOURS = {
-    "limb-former": "#0072B2",
-    "ma-bert": "#D55E00",
-    "anymorph": "#009E73",
-    "amorpheus": "#CC79A7",
-    "smp": "#56B4E9",
-}
 _OTHERS = ("#E69F00", "#8C564B", "#5E3C99", "#666666")
-_LABELS = {
-    "limb-former": "Limb-Former",
-    "ma-bert": "MA-BERT",
-    "anymorph": "AnyMorph",
-    "amorpheus": "Amorpheus",
-    "smp": "SMP",
-}
 _BOX = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
 _WITHOUT_TYPES = "-no-ltv"
 _COLUMNS = 4
@@ -49,10 +35,14 @@ _STYLE = {
 def colour(method: str, methods: Sequence[str]) -> str:
     """A method's colour: its own, that of the method it is a preset of, or one of the others in order."""
     base = base_of(method)
-    if base in _COLOURS:
-        return _COLOURS[base]
-    unknown = list(dict.fromkeys(base_of(each) for each in methods if base_of(each) not in _COLOURS))
+    if own := _own_color(base):
+        return own
+    unknown = list(dict.fromkeys(base_of(each) for each in methods if not _own_color(base_of(each))))
     return _OTHERS[unknown.index(base) % len(_OTHERS)]
+
+
+def _own_color(name: str) -> str:
+    return find_method(name).color if name in method_names() else ""
 
 
 def base_of(method: str) -> str:
@@ -63,13 +53,14 @@ def base_of(method: str) -> str:
 def label(method: str) -> str:
     """A method's name as the literature writes it."""
     base = base_of(method)
-    return _LABELS.get(base, base) + (" without limb types" if base != method else "")
+    own = find_method(base).label if base in method_names() else ""
+    return (own or base) + (" without limb types" if base != method else "")
 
 
 def order(method: str) -> tuple[int, str]:
     """Sorts methods: the newest first, then those of the literature, then others by name."""
-    base = base_of(method)
-    return (list(_COLOURS).index(base) if base in _COLOURS else len(_COLOURS), method)
+    base, known = base_of(method), method_names()
+    return (known.index(base) if base in known else len(known), method)
 
 
 def set_labels(axes: Axes, task: str, x: str, y: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -11,9 +12,11 @@ from torch import Tensor, nn
 
 from morphkit.errors import CheckpointError, ConfigError
 from morphkit.tokens.spec import ActuatorToken, SensorToken, TokenLimb, TokenSpec
-from morphkit_rl.config.train_config import ModelConfig
-from morphkit_rl.models import amorpheus, ma_bert, smp
+from morphkit_rl.models import amorpheus, anymorph, ma_bert, smp
+from morphkit_rl.models.amorpheus import AmorpheusSettings
+from morphkit_rl.models.anymorph import AnyMorphSettings
 from morphkit_rl.models.layout import Layout, build_layout
+from morphkit_rl.models.ma_bert import MaBertSettings
 from morphkit_rl.models.published.parameter_names import (
     Weights,
     count,
@@ -106,15 +109,13 @@ def _anymorph(method: str, weights: Weights, limbs: Sequence[str], parents: Sequ
     own = part(weights, "weights/actor/")
     sensors, actions = own["obs_embeddings.weight"], own["act_embeddings.weight"]
     read, size = own["actor.obs_z_input_layer.weight"], sensors.shape[1]
-    config = ModelConfig(
-        method=method,
-        d_model=len(read),
-        layers=count(own, "actor.transformer.encoder.layers."),
-        heads=heads,
-        feedforward=len(own["actor.transformer.encoder.layers.0.linear1.weight"]),
-        code_size=read.shape[1] - size,
-        token_size=size,
-    )
+    sizes: dict[str, Any] = {
+        "d_model": len(read),
+        "layers": count(own, "actor.transformer.encoder.layers."),
+        "heads": heads,
+        "feedforward": len(own["actor.transformer.encoder.layers.0.linear1.weight"]),
+        "code_size": read.shape[1] - size,
+    }
     if len(actions) != len(limbs) or len(sensors) % len(limbs):
         raise ValueError(f"tables of {len(sensors)} sensors and {len(actions)} actions do not fit {len(limbs)} limbs")
     spec = _spec(limbs, parents, len(sensors) // len(actions))
@@ -125,7 +126,13 @@ def _anymorph(method: str, weights: Weights, limbs: Sequence[str], parents: Sequ
     )
     table = dict(zip((*vocabulary.sensors, *vocabulary.actions), torch.cat([sensors, actions]).numpy(), strict=True))
     layout = build_layout([spec], lambda texts: np.stack([table[text] for text in texts]), actions="limbs")
-    actor, _ = ma_bert.build(config, size, vocabulary)
+    settings: AnyMorphSettings | MaBertSettings
+    if method == "anymorph":
+        settings = AnyMorphSettings(**sizes, token_size=size)
+        actor, _ = anymorph.build(settings, size, vocabulary)
+    else:
+        settings = MaBertSettings(**sizes)
+        actor, _ = ma_bert.build(settings, size, vocabulary)
     head = own["actor.act_output_layer.weight"]
     names = {
         "read_name.weight": read[:, :size].T,
@@ -144,37 +151,36 @@ def _anymorph(method: str, weights: Weights, limbs: Sequence[str], parents: Sequ
     if method == "anymorph":
         names |= {"tokens.sensors": sensors, "tokens.actions": actions}
     fill(actor, [names])
-    return actor, _limb_critic(weights, config, vocabulary.scalars), layout
+    return actor, _limb_critic(weights, settings, vocabulary.scalars), layout
 
 
 def _amorpheus(method: str, weights: Weights, limbs: Sequence[str], parents: Sequence[int], heads: int) -> Loaded:
     own = part(weights, "weights/actor/actor.")
     d_model, scalars = own["encoder.weight"].shape
-    config = ModelConfig(
-        method=method,
+    settings = AmorpheusSettings(
         d_model=d_model,
         layers=count(own, "transformer_encoder.layers."),
         heads=heads,
         feedforward=len(own["transformer_encoder.layers.0.linear1.weight"]),
         conditioned=own["decoder.weight"].shape[1] > d_model,
     )
-    actor = amorpheus.Actor(scalars, config)
+    actor = amorpheus.Actor(scalars, settings)
     fill(actor, [limb_transformer(own)])
-    return actor, _limb_critic(weights, config, scalars), _layout(limbs, parents, scalars)
+    return actor, _limb_critic(weights, settings, scalars), _layout(limbs, parents, scalars)
 
 
-def _limb_critic(weights: Weights, actor: ModelConfig, scalars: int) -> nn.Module:
+def _limb_critic(weights: Weights, actor: AmorpheusSettings, scalars: int) -> nn.Module:
     """Twin critics of their own sizes."""
     twins = [part(weights, prefix) for prefix in _TWINS]
     d_model = len(twins[0]["encoder.weight"])
-    config = replace(
+    settings = replace(
         actor,
         d_model=d_model,
         layers=count(twins[0], "transformer_encoder.layers."),
         feedforward=len(twins[0]["transformer_encoder.layers.0.linear1.weight"]),
         conditioned=twins[0]["decoder.weight"].shape[1] > d_model,
     )
-    critic = amorpheus.TwinCritic(scalars, config)
+    critic = amorpheus.TwinCritic(scalars, settings)
     fill(critic, [limb_transformer(twin) for twin in twins])
     return critic
 

@@ -8,7 +8,7 @@ import pytest
 from morphkit.errors import ConfigError, UnknownNameError
 from morphkit.registry import load
 from morphkit.simulation.build import build
-from morphkit.tokens.names import QUANTITIES
+from morphkit.tokens.quantities import quantity_names
 from morphkit.tokens.selection import take_quantities
 from morphkit.tokens.spec import TokenSpec, token_spec
 from morphkit_cli.main import run
@@ -24,7 +24,7 @@ def names(spec: TokenSpec) -> list[str]:
 
 
 def test_quantities_are_those_of_the_tokens() -> None:
-    assert tuple(dict.fromkeys(sensor.quantity for sensor in ARM.tokens.sensors)) == QUANTITIES
+    assert tuple(dict.fromkeys(sensor.quantity for sensor in ARM.tokens.sensors)) == quantity_names()
 
 
 def test_without_the_limb_type_vector_a_limb_has_15_scalars() -> None:

@@ -16,11 +16,12 @@ from morphkit.tokens.spec import token_spec
 from morphkit_rl.algorithms.td3 import TD3, find_device, resolve_precision, saturation
 from morphkit_rl.buffers.replay_buffer import Batch
 from morphkit_rl.config.learner_config import LearnerConfig
-from morphkit_rl.config.train_config import ModelConfig, TD3Config
+from morphkit_rl.config.train_config import TD3Config
 from morphkit_rl.models.layout import Layout, build_layout
+from morphkit_rl.models.limb_former import LimbFormerSettings
 from morphkit_rl.models.vocabulary import Vocabulary
 
-MODEL = ModelConfig(d_model=16, layers=1, heads=2, feedforward=16)
+MODEL = LimbFormerSettings(d_model=16, layers=1, heads=2, feedforward=16)
 SIZE = 8
 
 

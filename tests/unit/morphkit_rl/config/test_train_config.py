@@ -8,8 +8,8 @@ import json
 import pytest
 
 from morphkit.errors import ConfigError, UnknownNameError
+from morphkit_rl.config.methods import method_names
 from morphkit_rl.config.train_config import TrainConfig, load_config, presets
-from morphkit_rl.models import METHODS
 
 
 def test_every_preset_loads() -> None:
@@ -45,7 +45,7 @@ OWN = {
 
 
 def test_every_published_method_has_a_paper_and_a_quick_preset() -> None:
-    assert set(OWN) == set(METHODS) - {"limb-former"}
+    assert set(OWN) == set(method_names()) - {"limb-former"}
     for method in OWN:
         assert load_config(f"{method}-quick").model.method == method
 

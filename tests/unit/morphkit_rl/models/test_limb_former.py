@@ -12,9 +12,9 @@ import torch
 from morphkit.readers import read
 from morphkit.registry import load
 from morphkit.tokens.spec import TokenSpec, token_spec
-from morphkit_rl.config.train_config import ModelConfig
 from morphkit_rl.models import build
 from morphkit_rl.models.layout import Layout, build_layout
+from morphkit_rl.models.limb_former import LimbFormerSettings
 
 SIZE = 12
 
@@ -30,7 +30,7 @@ def spec(name: str) -> TokenSpec:
 
 def networks(**changes: int) -> tuple[torch.nn.Module, torch.nn.Module]:
     torch.manual_seed(0)
-    config = ModelConfig(**{"d_model": 16, "layers": 2, "heads": 2, "feedforward": 24, **changes})
+    config = LimbFormerSettings(**{"d_model": 16, "layers": 2, "heads": 2, "feedforward": 24, **changes})
     actor, critic = build(config, SIZE)
     for parameter in (*actor.parameters(), *critic.parameters()):
         torch.nn.init.normal_(parameter, std=0.3)

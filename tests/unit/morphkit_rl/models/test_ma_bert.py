@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
 from morphkit_rl.models.ma_bert import frequency_code
-from tests.support.networks import SMALL, layout_of, networks, rows
+from tests.support.networks import layout_of, networks, rows, small
 
 
 def test_the_frequency_code_is_sines_then_cosines() -> None:
@@ -31,7 +30,7 @@ def test_the_frequency_code_is_sines_then_cosines() -> None:
 def test_embedding_and_code_meet_as_the_option_says(
     combine: str, hidden: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    actor, _ = networks(replace(SMALL, method="ma-bert", combine=combine, hidden=hidden))
+    actor, _ = networks(small("ma-bert", combine=combine, hidden=hidden))
     layout = layout_of("ma-bert", "hopper_3")
     obs, _ = rows(layout)
     embeddings = layout.embeddings[layout.token_text].expand(len(obs), -1, -1)

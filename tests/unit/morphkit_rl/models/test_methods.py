@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,15 +12,16 @@ import torch
 from morphkit.errors import ConfigError
 from morphkit_rl.algorithms.td3 import TD3
 from morphkit_rl.buffers.replay_buffer import Batch
-from morphkit_rl.config.train_config import ModelConfig, TD3Config
-from morphkit_rl.models import METHODS, build, find
+from morphkit_rl.config.methods import ModelSettings, find_method, method_names
+from morphkit_rl.config.train_config import TD3Config
+from morphkit_rl.models import build
 from morphkit_rl.models.blocks import set_precision
 from morphkit_rl.models.layout import Layout
 from morphkit_rl.models.vocabulary import Vocabulary
-from tests.support.networks import ROBOTS, SIZE, SMALL, batch_of, layout_of, networks, rows, spec
+from tests.support.networks import ROBOTS, SIZE, batch_of, layout_of, networks, rows, small, spec
 
 VARIANTS = [
-    *[{"method": name} for name in METHODS],
+    *[{"method": name} for name in method_names()],
     {"method": "ma-bert", "combine": "add", "hidden": True},
     {"method": "anymorph", "hidden": True},
     {"method": "amorpheus", "conditioned": False},
@@ -32,11 +32,11 @@ VARIANTS = [
 
 
 @pytest.fixture(params=VARIANTS, ids=lambda changes: "-".join(map(str, changes.values())))
-def config(request: pytest.FixtureRequest) -> ModelConfig:
-    return replace(SMALL, **request.param)
+def config(request: pytest.FixtureRequest) -> ModelSettings:
+    return small(**request.param)
 
 
-def test_a_robot_alone_and_in_a_mixed_batch_gives_the_same(config: ModelConfig) -> None:
+def test_a_robot_alone_and_in_a_mixed_batch_gives_the_same(config: ModelSettings) -> None:
     actor, critic = networks(config)
     mixed = layout_of(config.method, *ROBOTS)
     obs, action = rows(mixed)
@@ -56,7 +56,7 @@ def test_a_robot_alone_and_in_a_mixed_batch_gives_the_same(config: ModelConfig) 
             torch.testing.assert_close(one, actions[row, mixed.actions[number]], atol=1e-6, rtol=0)
 
 
-def test_gradients_stay_within_a_robot(config: ModelConfig) -> None:
+def test_gradients_stay_within_a_robot(config: ModelSettings) -> None:
     actor, critic = networks(config)
     mixed = layout_of(config.method, *ROBOTS)
     obs, action = (x.requires_grad_() for x in rows(mixed))
@@ -71,14 +71,14 @@ def test_gradients_stay_within_a_robot(config: ModelConfig) -> None:
             assert number == 1 or (gradient[:, columns] == 0).all()
 
 
-def test_names_read_ahead_give_the_same_actions(config: ModelConfig) -> None:
+def test_names_read_ahead_give_the_same_actions(config: ModelSettings) -> None:
     actor, _ = networks(config)
     layout = layout_of(config.method, *ROBOTS)
     obs, _ = rows(layout)
     assert torch.equal(actor(obs, layout, actor.read_names(layout)), actor(obs, layout))
 
 
-def test_the_first_critic_alone_gives_its_values(config: ModelConfig) -> None:
+def test_the_first_critic_alone_gives_its_values(config: ModelSettings) -> None:
     _, critic = networks(config)
     layout = layout_of(config.method, *ROBOTS)
     q1, q2 = critic(*rows(layout), layout)
@@ -87,7 +87,7 @@ def test_the_first_critic_alone_gives_its_values(config: ModelConfig) -> None:
     assert (q1 - q2).abs().min() > 1e-6
 
 
-def test_low_precision_stays_close(config: ModelConfig) -> None:
+def test_low_precision_stays_close(config: ModelSettings) -> None:
     actor, critic = networks(config)
     layout = layout_of(config.method, *ROBOTS)
     obs, action = rows(layout, 16)
@@ -101,7 +101,7 @@ def test_low_precision_stays_close(config: ModelConfig) -> None:
 
 @pytest.mark.parametrize("precision", [torch.float32, torch.bfloat16])
 def test_the_way_of_accelerators_gives_the_same(
-    config: ModelConfig, precision: torch.dtype, monkeypatch: pytest.MonkeyPatch
+    config: ModelSettings, precision: torch.dtype, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     actor, critic = networks(config)
     for network in (actor, critic):
@@ -114,12 +114,12 @@ def test_the_way_of_accelerators_gives_the_same(
         assert (other - way).norm() / way.norm() < (1e-5 if precision == torch.float32 else 0.03)
 
 
-def learner(config: ModelConfig, layout: Layout, **changes: Any) -> TD3:
+def learner(config: ModelSettings, layout: Layout, **changes: Any) -> TD3:
     torch.manual_seed(0)
     return TD3(config, TD3Config(**changes), SIZE, vocabulary=Vocabulary.of(layout.specs))
 
 
-def test_values_move_towards_their_targets(config: ModelConfig) -> None:
+def test_values_move_towards_their_targets(config: ModelSettings) -> None:
     layout = layout_of(config.method, *ROBOTS[:2])
     net, batch, rng = (
         learner(config, layout, learning_rate=3e-3, reward_scale=1.0),
@@ -134,7 +134,7 @@ def test_values_move_towards_their_targets(config: ModelConfig) -> None:
 def test_a_robots_reward_is_that_of_each_of_its_values_and_robots_count_alike() -> None:
     layout = layout_of("amorpheus", "cheetah", "hopper_3")
     net, batch = (
-        learner(replace(SMALL, method="amorpheus"), layout, reward_scale=1.0, target_noise=0.0),
+        learner(small("amorpheus"), layout, reward_scale=1.0, target_noise=0.0),
         batch_of(layout),
     )
     t = {name: torch.from_numpy(getattr(batch, name)) for name in Batch.__slots__}
@@ -150,9 +150,9 @@ def test_a_robots_reward_is_that_of_each_of_its_values_and_robots_count_alike() 
 
 
 def test_reset_draws_the_last_layers_anew_and_only_them() -> None:
-    for method in METHODS:
+    for method in method_names():
         layout = layout_of(method, "hopper_3")
-        nets = [learner(replace(SMALL, method=method), layout, reset_updates=n) for n in (0, 2)]
+        nets = [learner(small(method), layout, reset_updates=n) for n in (0, 2)]
         for net in nets:
             for _ in range(2):
                 net.update(batch_of(layout), None, None, layout, np.random.default_rng(5))
@@ -178,9 +178,9 @@ def test_updates_leave_nothing_behind() -> None:
 
 
 def _update_and_count() -> None:
-    for method in METHODS:
+    for method in method_names():
         layout = layout_of(method, "hopper_3")
-        net, batch, rng = learner(replace(SMALL, method=method), layout), batch_of(layout), np.random.default_rng(0)
+        net, batch, rng = learner(small(method), layout), batch_of(layout), np.random.default_rng(0)
 
         def held() -> tuple[int, int]:
             gc.collect()
@@ -198,32 +198,32 @@ def _update_and_count() -> None:
 
 
 def test_robots_that_a_method_cannot_express_are_named() -> None:
-    published = [name for name in METHODS if name != "limb-former"]
+    published = [name for name in method_names() if name != "limb-former"]
     for method in published:
-        config = replace(SMALL, method=method)
+        config = small(method)
         with pytest.raises(ConfigError, match=rf"arm: method '{method}'.*'flexor_ctrl' drives no single limb"):
-            find(method).check(spec("arm"), config)
-        find(method).check(spec("cheetah"), config, Vocabulary.of([spec("walker")]))
+            find_method(method).check(spec("arm"), config)
+        find_method(method).check(spec("cheetah"), config, Vocabulary.of([spec("walker")]))
         fewer = Vocabulary(scalars=15)
         with pytest.raises(ConfigError, match=r"cheetah: .* takes 15 scalars a limb, but limb 'torso' has 19"):
-            find(method).check(spec("cheetah"), config, fewer)
+            find_method(method).check(spec("cheetah"), config, fewer)
     with pytest.raises(ConfigError, match=r"at most 2 children a limb, but limb 'torso' has 4"):
-        find("smp").check(spec("humanoid_2d"), replace(SMALL, method="smp"), Vocabulary.of([spec("cheetah")]))
-    find("limb-former").check(spec("arm"), SMALL)
+        find_method("smp").check(spec("humanoid_2d"), small("smp"), Vocabulary.of([spec("cheetah")]))
+    find_method("limb-former").check(spec("arm"), small())
 
 
 def test_unknown_methods_and_odd_codes_are_refused() -> None:
     with pytest.raises(ConfigError, match=r"unknown method 'bert'; there is limb-former, ma-bert"):
-        build(replace(SMALL, method="bert"), SIZE)
+        build(small("bert"), SIZE)
     with pytest.raises(ConfigError, match="even size"):
-        build(replace(SMALL, method="ma-bert", code_size=7), SIZE, Vocabulary.of([spec("hopper")]))
+        build(small("ma-bert", code_size=7), SIZE, Vocabulary.of([spec("hopper")]))
     for method in ("limb-former", "ma-bert", "anymorph", "amorpheus"):
         with pytest.raises(ConfigError, match="d_model is 16, which does not divide into 3 attention heads"):
-            networks(replace(SMALL, method=method, heads=3))
+            networks(small(method, heads=3))
 
 
 def test_anymorph_knows_names_of_training_only_and_gives_others_zeros() -> None:
-    actor, _ = networks(replace(SMALL, method="anymorph"), ["hopper_3"])
+    actor, _ = networks(small("anymorph"), ["hopper_3"])
     known, other = layout_of("anymorph", "hopper_3"), layout_of("anymorph", "cheetah")
     sensors, actions = actor.tokens(known)
     assert (sensors.abs().amax(1) > 0).all()

@@ -11,11 +11,12 @@ import pytest
 from morphkit.errors import CheckpointError, ConfigError
 from morphkit.registry import load
 from morphkit_rl.algorithms.policy import Policy
+from morphkit_rl.config.methods import method_names
 from morphkit_rl.config.train_config import TrainConfig, load_config
 from morphkit_rl.evaluation.evaluate import evaluate
-from morphkit_rl.models import METHODS
 from morphkit_rl.runs import run_settings
 from morphkit_rl.training.trainer import resume, train
+from tests.support.networks import tiny_overrides
 from tests.support.run_folders import assert_same
 
 ROUNDS = (
@@ -27,14 +28,13 @@ ROUNDS = (
 
 
 def config(method: str, *overrides: str) -> TrainConfig:
-    tiny = ("model.d_model=8", "model.layers=1", "model.feedforward=8", "model.code_size=4", "model.token_size=4")
-    small = ("model.message_size=4", "td3.batch_size=4", "trainer.num_envs=2", "trainer.start_steps=8")
-    settings = (f"model.method={method}", "trainer.updates_per_sweep=1", "trainer.precision=float32")
-    return load_config(overrides=[*tiny, *small, *settings, *overrides])
+    small = ("td3.batch_size=4", "trainer.num_envs=2", "trainer.start_steps=8")
+    settings = ("trainer.updates_per_sweep=1", "trainer.precision=float32")
+    return load_config(overrides=[*tiny_overrides(method), *small, *settings, *overrides])
 
 
 @pytest.mark.parametrize(("schedule", "steps"), [((), 32), (ROUNDS, 96)], ids=["sweeps", "rounds"])
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", method_names())
 def test_every_method_trains_saves_resumes_exactly_loads_and_evaluates(
     tmp_path: Path, method: str, schedule: tuple[str, ...], steps: int
 ) -> None:
@@ -111,7 +111,7 @@ def test_a_policy_refuses_tokens_that_it_was_trained_without(tmp_path: Path, met
         policy.act(whole, np.zeros(len(whole.sensors)))
 
 
-@pytest.mark.parametrize("method", [name for name in METHODS if name != "limb-former"])
+@pytest.mark.parametrize("method", [name for name in method_names() if name != "limb-former"])
 def test_a_method_says_which_robot_it_cannot_express(tmp_path: Path, method: str) -> None:
     with pytest.raises(ConfigError, match=f"method {method!r}.*limb-former can control"):
         train([load("hopper_3"), load("arm")], tmp_path / "run", config(method), steps=12)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +22,7 @@ from morphkit_rl.text.encoder import TextEncoder
 from morphkit_rl.text.model_files import Pooling
 from morphkit_rl.text.tuning import TunedEncoder, make_tuner
 from morphkit_rl.training.trainer import resume, train
-from tests.support.networks import SIZE, SMALL, batch_of, embed, layout_of, networks, rows
+from tests.support.networks import SIZE, batch_of, embed, layout_of, networks, rows, small
 from tests.support.run_folders import assert_same
 
 KNOWN = ["foot ctrl", "foot angle", "leg angle", "torso position x"]
@@ -74,7 +73,7 @@ def test_embeddings_stay_as_they_are_without_standardising() -> None:
 
 @pytest.mark.parametrize("method", ["limb-former", "ma-bert"])
 def test_a_residual_starts_at_nothing_learns_and_leaves_unknown_texts_alone(method: str) -> None:
-    config = replace(SMALL, method=method)
+    config = small(method)
     layout, other = layout_of(method, "hopper_3"), layout_of(method, "cheetah")
     vocabulary = Vocabulary.of(layout.specs)
     tune = make_tuner("residual", TokenEmbedder.fit(Hashed(), KNOWN, standardize=False), vocabulary.texts)
@@ -97,7 +96,7 @@ def test_a_residual_starts_at_nothing_learns_and_leaves_unknown_texts_alone(meth
 
 def test_methods_without_text_ignore_tuning() -> None:
     tune = make_tuner("residual", TokenEmbedder.fit(Hashed(), KNOWN), KNOWN)
-    actor, critic = build(replace(SMALL, method="smp"), SIZE, Vocabulary(scalars=19, children=2), tune)
+    actor, critic = build(small("smp"), SIZE, Vocabulary(scalars=19, children=2), tune)
     assert not any("table" in name for net in (actor, critic) for name, _ in net.named_parameters())
     assert make_tuner("frozen", TokenEmbedder.fit(Hashed(), KNOWN), KNOWN) is None
 
@@ -114,7 +113,7 @@ def test_the_encoder_itself_learns(tiny_bert: Path, tmp_path: Path, pooling: Poo
     )
     tune = make_tuner("encoder", embedder, vocabulary.texts)
     torch.manual_seed(0)
-    learner = TD3(replace(SMALL, method="ma-bert"), TD3Config(), embedder.size, vocabulary=vocabulary, tune=tune)
+    learner = TD3(small("ma-bert"), TD3Config(), embedder.size, vocabulary=vocabulary, tune=tune)
     tuned = learner.actor.tuned
     torch.testing.assert_close(tuned(layout).embeddings, layout.embeddings, atol=1e-3, rtol=1e-3)
     for _ in range(4):

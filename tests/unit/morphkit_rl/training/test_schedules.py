@@ -14,11 +14,12 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from morphkit.registry import load
+from morphkit_rl.config.methods import method_names
 from morphkit_rl.config.train_config import TrainConfig, load_config
-from morphkit_rl.models import METHODS
 from morphkit_rl.runs.run_settings import RunSettings
 from morphkit_rl.training.schedules import Rounds, Sweeps
 from morphkit_rl.training.session import Session
+from tests.support.networks import tiny_overrides
 
 TINY = ("model.d_model=16", "model.layers=1", "model.feedforward=16", "td3.batch_size=4", "trainer.precision=float32")
 
@@ -208,10 +209,10 @@ WAITING = {f"aten.{name}" for name in ("_local_scalar_dense", "nonzero", "bincou
 """Operations that make the host wait for a GPU."""
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", method_names())
 def test_collecting_and_learning_wait_for_a_device_only_to_fetch_actions(method: str) -> None:
-    small = ("trainer.num_envs=2", "trainer.start_steps=4", "model.code_size=4", "model.token_size=4")
-    one = run_on(session("hopper", "hopper_3", overrides=(*small, f"model.method={method}")), 3)
+    small = ("trainer.num_envs=2", "trainer.start_steps=4", *tiny_overrides(method))
+    one = run_on(session("hopper", "hopper_3", overrides=small), 3)
     with Operations() as operations:
         one.schedule.advance()
     assert operations.seen

@@ -14,8 +14,9 @@ from torch import nn
 from morphkit.errors import CheckpointError, ConfigError
 from morphkit_rl.algorithms.td3 import TD3
 from morphkit_rl.buffers.replay_buffer import Batch
-from morphkit_rl.config.train_config import ModelConfig, TD3Config
+from morphkit_rl.config.train_config import TD3Config
 from morphkit_rl.models import load_published
+from morphkit_rl.models.limb_former import LimbFormerSettings
 from tests.support.published_networks import Arrays, assert_same_networks, random_parents, weights_of
 
 DATA = Path(__file__).parents[4] / "data" / "published_networks.npz"
@@ -67,7 +68,7 @@ def test_three_updates_give_the_published_losses_norms_and_outputs(
         actor_first=True,
     )  # fmt: skip
     monkeypatch.setattr("morphkit_rl.algorithms.td3.build", lambda *_: (actor.network, critic.network))
-    learner = TD3(ModelConfig(), config, 0)
+    learner = TD3(LimbFormerSettings(), config, 0)
     norms, clip = [], nn.utils.clip_grad_norm_
     monkeypatch.setattr(nn.utils, "clip_grad_norm_", lambda *args: norms.append(clip(*args)))
     losses = []
