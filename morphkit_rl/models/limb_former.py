@@ -22,7 +22,8 @@ from torch import Tensor, nn
 
 from morphkit.tokens.spec import TokenSpec
 from morphkit_rl.config.train_config import ModelConfig
-from morphkit_rl.models.blocks import MemberLinear, TransformerLayer
+from morphkit_rl.kernels.limb_layer import Kinship
+from morphkit_rl.models.blocks import MemberLinear, TransformerLayer, first
 from morphkit_rl.models.layout import FOREIGN, Layout, Slots
 from morphkit_rl.models.vocabulary import Vocabulary
 
@@ -36,11 +37,15 @@ class Names:
         tokens: (members, limbs, d_model) part of the limb tokens that does not depend on values.
         attention: For each group of robots, its limbs and (members, 1, heads, limbs, limbs) bias by kinship; -inf
             between robots.
+        relation_bias: (members, heads, kinds) the same by kinship alone, for the compiled kernel.
+        kinship: How the limbs of each robot are related.
     """
 
     weights: Tensor
     tokens: Tensor
     attention: tuple[tuple[slice, Tensor], ...]
+    relation_bias: Tensor
+    kinship: Kinship
 
 
 class LimbEncoder(nn.Module):
@@ -69,15 +74,17 @@ class LimbEncoder(nn.Module):
     def read_names(self, slots: Slots, layout: Layout, members: int | None = None) -> Names:
         """Do what depends on the layout's names only, for the first `members` networks; default: all."""
         d_model, members = self.value.weight.shape[-1], members or len(self.value.weight)
-        values = self.value(layout.embeddings.expand(members, -1, -1))[:, slots.text] * slots.mask
+        values = self.value(layout.embeddings.expand(members, -1, -1)).index_select(1, slots.text.view(-1))
         bias = F.pad(self.relation_bias[:members], (0, 1), value=float("-inf"))
         return Names(
-            weights=values.permute(1, 2, 0, 3).reshape(*slots.column.shape, members * d_model),
+            weights=values.transpose(0, 1).reshape(*slots.column.shape, members * d_model),
             tokens=self.name(layout.limb_embeddings.expand(members, -1, -1)),
             attention=tuple(
                 (group, bias[..., layout.relation[group, group]].unsqueeze(1).to(self.precision))
                 for group in layout.groups
             ),
+            relation_bias=first(self.relation_bias, members),
+            kinship=layout.kinship,
         )
 
     def forward(self, row: Tensor, slots: Slots, names: Names) -> Tensor:
@@ -95,8 +102,16 @@ class LimbEncoder(nn.Module):
         values = F.pad(row, (0, 1))[:, slots.column].transpose(0, 1)
         tokens = torch.bmm(values, names.weights).view(limbs, -1, members, d_model).permute(2, 1, 0, 3)
         x = F.layer_norm(tokens + names.tokens.unsqueeze(1), (d_model,)).to(self.precision)
-        x = torch.cat([self._mix(x[:, :, group], bias) for group, bias in names.attention], 2)
+        if self._suits_kernel(x):
+            for layer in self.layers:
+                assert isinstance(layer, TransformerLayer)
+                x = layer.mix_kin(x, names.kinship, names.relation_bias)
+        else:
+            x = torch.cat([self._mix(x[:, :, group], bias) for group, bias in names.attention], 2)
         return F.layer_norm(x.float(), (d_model,))
+
+    def _suits_kernel(self, x: Tensor) -> bool:
+        return all(isinstance(layer, TransformerLayer) and layer.suits_kernel(x) for layer in self.layers)
 
     def _mix(self, x: Tensor, bias: Tensor) -> Tensor:
         for layer in self.layers:
@@ -128,12 +143,17 @@ class Actor(nn.Module):
         limbs = self.encoder(obs, layout.observation, limb_names)[0]
         if len(layout.action_limb) == 0:
             return obs.new_zeros(len(obs), 0)
-        means = torch.matmul(layout.robot_limbs, limbs)[:, layout.action_robot]
-        without_limb = (layout.action_limb == limbs.shape[1])[:, None]
-        own = F.pad(limbs, (0, 0, 0, 1))[:, layout.action_limb]
-        x = torch.where(without_limb, means, own)
+        x = self._own_limbs(limbs, layout)
         hidden = F.relu(self.read(x.reshape(1, -1, x.shape[-1])).view(x.shape) + actuator_names)
         return torch.tanh(self.head(hidden.view(1, -1, x.shape[-1])).view(x.shape[:2]))
+
+    def _own_limbs(self, limbs: Tensor, layout: Layout) -> Tensor:
+        """(batch, actuators, d_model) tokens of the limbs that actuators drive; the mean where it is no single one."""
+        if layout.each_action_has_a_limb:
+            return limbs.index_select(1, layout.action_limb)
+        means = torch.matmul(layout.robot_limbs, limbs)[:, layout.action_robot]
+        without_limb = (layout.action_limb == limbs.shape[1])[:, None]
+        return torch.where(without_limb, means, F.pad(limbs, (0, 0, 0, 1))[:, layout.action_limb])
 
 
 class TwinCritic(nn.Module):

@@ -17,8 +17,13 @@ import torch
 from torch import Tensor, nn
 
 from morphkit_rl.kernels import library
+from morphkit_rl.kernels.limb_layer import Kinship
+from morphkit_rl.models.blocks import TransformerLayer
+from morphkit_rl.models.perceptron_critic import PerceptronCritic
 from morphkit_rl.models.smp import MLP, Widths
 from morphkit_rl.models.transformer import EncoderLayer, Norm, read_tokens
+from morphkit_rl.models.vocabulary import Vocabulary
+from tests.support.networks import ROBOTS, layout_of, rows, spec
 from tests.support.published_networks import assert_same_networks, random_parents
 
 ERRORS = {torch.float32: 2e-6, torch.bfloat16: 0.1}
@@ -148,6 +153,72 @@ def test_perceptrons(
     network.precision, double.precision = precision, torch.float64
     x = torch.randn(1 if shared else members, rows, inputs)
     assert_exact("_MLP", network, double, lambda own, x: own(x.expand(members, -1, -1)), [x], precision)
+
+
+@compiled
+@pytest.mark.parametrize(
+    ("members", "batch", "robots", "d_model", "heads", "hidden"),
+    [(1, 20, (7, 2, 5), 64, 2, 128), (2, 5, (13, 1), 64, 4, 48), (1, 1, (2,), 16, 1, 16), (2, 2, (40, 3), 48, 3, 80)],
+)
+def test_limb_layers(
+    members: int, batch: int, robots: tuple[int, ...], d_model: int, heads: int, hidden: int, precision: torch.dtype,
+    threads: int,
+) -> None:  # fmt: skip
+    torch.manual_seed(0)
+    layer, double = (LimbLayer(members, d_model, heads, hidden, robots) for _ in range(2))
+    x = torch.randn(members, batch, sum(robots), d_model).to(precision)
+    assert_exact("_LimbLayer", layer, double, lambda own, x: own(x), [x], precision)
+
+
+class LimbLayer(nn.Module):
+    """A layer over limbs of several robots, with a bias for each kind of kinship."""
+
+    def __init__(self, members: int, d_model: int, heads: int, hidden: int, robots: tuple[int, ...]):
+        super().__init__()
+        self.layer = TransformerLayer(members, d_model, heads, hidden)
+        self.bias = nn.Parameter(torch.zeros(members, heads, 4))
+        self.robots, limbs = spans(robots), sum(robots)
+        self.relation = torch.arange(limbs * limbs).view(limbs, limbs) * 7 % 4
+        self.kinship = Kinship.of(self.relation, self.robots)
+
+    def forward(self, x: Tensor) -> Tensor:
+        if self.layer.suits_kernel(x):
+            return self.layer.mix_kin(x, self.kinship, self.bias)
+        parts = [
+            self.layer(x[:, :, s].contiguous(), self.bias[..., self.relation[s, s]].unsqueeze(1)) for s in self.robots
+        ]
+        return torch.cat(parts, 2)
+
+
+@compiled
+@pytest.mark.parametrize(
+    ("robots", "batch", "width", "layers", "atoms"),
+    [(("hopper", "cheetah_4_back", "hopper_3"), 80, 64, 2, 101), (("cheetah_4_back",), 1, 16, 1, 7),
+     (("hopper_3", "hopper"), 7, 48, 3, 16)],
+)  # fmt: skip
+def test_perceptron_critics(
+    robots: tuple[str, ...], batch: int, width: int, layers: int, atoms: int, precision: torch.dtype, threads: int
+) -> None:
+    torch.manual_seed(0)
+    layout = layout_of("limb-former", *robots)
+    vocabulary = Vocabulary.of([spec(name) for name in ROBOTS])
+    critic, double = (PerceptronCritic(vocabulary, width, layers, atoms) for _ in range(2))
+    critic.precision, double.precision = precision, torch.float64
+    assert_exact("_Critic", critic, double, lambda own, *rows: own(*rows, layout), list(rows(layout, batch)), precision)
+
+
+@compiled
+def test_critics_that_are_held_fixed_pass_the_actions_gradient_on() -> None:
+    torch.manual_seed(0)
+    layout = layout_of("limb-former", *ROBOTS)
+    critic = PerceptronCritic(Vocabulary.of(layout.specs), 32, 2, 5)
+    obs, action = rows(layout)
+    action.requires_grad_()
+    (whole,) = torch.autograd.grad(critic(obs, action, layout).sin().sum(), action)
+    critic.requires_grad_(False)
+    (alone,) = torch.autograd.grad(critic(obs, action, layout).sin().sum(), action)
+    assert whole.abs().min() > 0
+    assert torch.equal(whole, alone)
 
 
 @compiled
