@@ -35,12 +35,8 @@ STEP = 16
 """Widths of vectors that kernels compute on are multiples of this."""
 
 _SOURCES = (
-    "encoder_layer.cpp",
-    "cross_attention.cpp",
-    "mlp.cpp",
-    "norm.cpp",
-    "perceptron_critic.cpp",
-    "limb_layer.cpp",
+    *("encoder_layer.cpp", "cross_attention.cpp", "mlp.cpp", "norm.cpp"),
+    *("limb_tokens.cpp", "limb_layer.cpp", "actuator_heads.cpp", "perceptron_critic.cpp"),
 )
 _HEADERS = ("product.h", "rows.h", "layer.h")
 _FLAGS = ("-std=c++17", "-O3", "-march=native", "-fPIC")

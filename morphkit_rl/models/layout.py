@@ -12,6 +12,7 @@ from torch import Tensor
 
 from morphkit.tokens.spec import TokenSpec
 from morphkit_rl.kernels.limb_layer import Kinship
+from morphkit_rl.kernels.limb_tokens import Scalars
 
 SELF, PARENT, CHILD, OTHER, FOREIGN = range(5)
 
@@ -29,11 +30,13 @@ class Slots:
         column: (limbs, slots) column of each scalar in the input row; the row's width where the slot is empty.
         text: (limbs, slots) index of its text in `Layout.embeddings`.
         mask: (limbs, slots, 1), 1 where the slot holds a scalar.
+        scalars: The same limb by limb, for the compiled kernel.
     """
 
     column: Tensor
     text: Tensor
     mask: Tensor
+    scalars: Scalars
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +165,8 @@ def build_layout(
 
     def slots(entries: list[list[tuple[int, int]]], width: int) -> Slots:
         column, text, mask = _pad(entries, width)
-        return Slots(tensor(column), tensor(text), tensor(mask[..., None], torch.float32))
+        scalars = Scalars.of(*map(torch.from_numpy, (column, text, mask)))
+        return Slots(tensor(column), tensor(text), tensor(mask[..., None], torch.float32), scalars)
 
     return Layout(
         specs=tuple(specs),
