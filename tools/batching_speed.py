@@ -24,8 +24,8 @@ from morphkit_rl.algorithms.td3 import TD3, resolve_precision
 from morphkit_rl.buffers.replay_buffer import Batch
 from morphkit_rl.config.train_config import load_config
 from morphkit_rl.models.layout import Layout, build_layout
-from morphkit_rl.runs import run_settings
 from morphkit_rl.models.vocabulary import Vocabulary
+from morphkit_rl.runs import run_settings
 from morphkit_rl.text.embedder import TokenEmbedder
 
 BODIES = (

@@ -2,7 +2,8 @@
 
 One robot of a user's own (the quadruped), 4 walkers, 12 cheetahs, all 32 bodies of the benchmark; one and two threads.
 A replay of random transitions is sampled and learned from as in training, without the environments. The presets take
-turns; medians over turns are printed. The yardstick `limb-former-2026-11` runs without compiled kernels, as it did then.
+turns; medians over turns are printed. The yardstick `limb-former-2026-11` runs as it did then: without compiled
+kernels.
 
 The share of the peak is that of the matrix products that the method needs for each robot alone, without padding,
 over what one large matrix product reaches on as many threads in the same turns.
