@@ -195,7 +195,7 @@ def _family(
 def _one(source: Description, variant: Variant, check: bool, notes: list[str]) -> Iterator[Made]:
     from morphkit.families import build
 
-    result = build.check(variant) if check else variant
+    result = build.check_variant(variant) if check else variant
     if isinstance(result, build.FailedVariant) and (problem := build.compile_problem(source)):
         notes.append(f"{NOT_COMPILED}: {problem}")
         result = variant

@@ -77,11 +77,11 @@ def robots(
 
 
 def _draw(bodies: Sequence[Any], png: Path) -> None:
-    from morphkit.simulation.build import build
+    from morphkit.simulation.build import build_simulation
     from morphkit.viewer.media import family_sheet
 
     typer.echo(f"drawing {common.count(len(bodies), 'body')}", err=True)
-    family_sheet([build(body) for body in bodies], png, columns=8, width=240, height=200)
+    family_sheet([build_simulation(body) for body in bodies], png, columns=8, width=240, height=200)
     typer.echo(f"picture: {png}", err=True)
 
 

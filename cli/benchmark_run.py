@@ -13,7 +13,7 @@ from . import common
 from .benchmark import FILE_HELP, print_cells
 
 if TYPE_CHECKING:
-    from morphkit_rl.benchmark.cells import Plan
+    from morphkit_rl.benchmark.cells import MatrixPlan
     from morphkit_rl.training.trainer import Progress
 
 EXAMPLES = (
@@ -77,7 +77,7 @@ def run(
     )
 
     @contextmanager
-    def watch(plan: Plan, number: int) -> Iterator[Callable[[Progress], None]]:
+    def watch(plan: MatrixPlan, number: int) -> Iterator[Callable[[Progress], None]]:
         with ProgressDisplay(f"cell {number + 1} of {len(plans)}: {plan.cell}", quiet=quiet) as display:
             yield display.update
 

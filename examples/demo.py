@@ -188,11 +188,11 @@ def draw_family(family: Path, path: Path) -> None:
     """Draw the bodies of a folder side by side; say so and go on where there is no OpenGL."""
     from morphkit.errors import DependencyError
     from morphkit.registry import load_all
-    from morphkit.simulation.build import build
+    from morphkit.simulation.build import build_simulation
     from morphkit.viewer.media import family_sheet
 
     try:
-        family_sheet([build(description) for description in load_all(family)], path)
+        family_sheet([build_simulation(description) for description in load_all(family)], path)
     except DependencyError as error:
         console.print(f"no picture of the family: {error}", markup=False)
 

@@ -24,6 +24,7 @@ from morphkit_rl.algorithms.td3 import TD3, resolve_precision
 from morphkit_rl.buffers.replay_buffer import Batch
 from morphkit_rl.config.train_config import load_config
 from morphkit_rl.models.layout import Layout, build_layout
+from morphkit_rl.models.vocabulary import Vocabulary
 from morphkit_rl.runs import run_settings
 from morphkit_rl.text.embedder import TokenEmbedder
 
@@ -45,7 +46,7 @@ def main() -> None:
     config = load_config(arguments.preset)
     specs = [_spec(name, config.text.naming) for name in BODIES]
     texts = [text for spec in specs for text in spec.texts]
-    embedder = TokenEmbedder.fit(run_settings.make_encoder(config), texts)
+    embedder = TokenEmbedder.fit(run_settings.make_encoder(config), texts, components=config.text.components)
     precision = resolve_precision(config.trainer.precision, "cpu")
     share = -(-config.td3.batch_size // len(specs))
     together = [build_layout(specs, embedder)]
@@ -54,7 +55,10 @@ def main() -> None:
     for turn in range(arguments.repeats + 1):
         for measured, layouts in zip(rates.values(), (together, one_by_one), strict=True):
             torch.manual_seed(0)
-            learner = TD3(config.model, config.td3, embedder.size, precision=precision)
+            learner = TD3(
+                config.model, config.td3, embedder.size,
+                learner=config.learner, vocabulary=Vocabulary.of(specs), precision=precision,
+            )  # fmt: skip
             batches = [_batch(layout, share) for layout in layouts]
             rng = np.random.default_rng(0)
             start = time.perf_counter()

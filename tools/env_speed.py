@@ -28,7 +28,7 @@ import numpy as np
 from mujoco.rollout import Rollout
 
 from morphkit.registry import load, recipes
-from morphkit.simulation.build import Simulation, build, compile_plain
+from morphkit.simulation.build import Simulation, build_simulation, compile_plain
 from morphkit_rl.envs.batch_env import BatchEnv
 from morphkit_rl.envs.tasks import task_for
 
@@ -77,7 +77,7 @@ def main() -> None:
 
 def _measure(bodies: Bodies, repeats: int) -> dict[str, float]:
     """Median substeps/s of every program."""
-    simulations = [build(load(name)) for name in bodies.names]
+    simulations = [build_simulation(load(name)) for name in bodies.names]
     rng = np.random.default_rng(0)
     controls = [rng.uniform(-1, 1, (STEPS, ENVS, simulation.model.nu)) for simulation in simulations]
     programs: dict[str, Callable[[], float]] = {"morphkit": _batch(simulations, controls)}

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from morphkit.registry import load, recipes
-from morphkit.simulation.build import build
+from morphkit.simulation.build import build_simulation
 from morphkit_rl.buffers.replay_buffer import FIELDS, ReplayDtype, Ring
 from morphkit_rl.envs.batch_env import BatchEnv
 from morphkit_rl.envs.tasks import task_for
@@ -65,7 +65,7 @@ def fill(env: BatchEnv, rings: list[Ring], sweeps: int) -> dict[str, list[float]
 
 def measure(dtype: ReplayDtype, capacity: int, sweeps: int) -> dict[str, Any]:
     """One number format."""
-    simulations = [build(load(name)) for name in ROBOTS]
+    simulations = [build_simulation(load(name)) for name in ROBOTS]
     env = BatchEnv(simulations, [task_for(simulation) for simulation in simulations], ENVS)
     env.step([np.zeros((ENVS, len(spec.actuators))) for spec in env.specs])
     before = resident()

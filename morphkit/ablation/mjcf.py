@@ -10,7 +10,7 @@ import numpy as np
 
 from morphkit.ablation.loss import Loss
 from morphkit.ablation.mjcf_cameras import cameras, renumber
-from morphkit.ablation.mjcf_keyframes import Layout
+from morphkit.ablation.mjcf_keyframes import KeyframeLayout
 from morphkit.ablation.mjcf_references import Bones, Removed, collect, prune_references
 from morphkit.ablation.plan import Plan
 from morphkit.errors import AblationError
@@ -35,7 +35,9 @@ def body_parents(bodies: Mapping[str, Any]) -> dict[str, str | None]:
     }
 
 
-def cut(root: Any, bodies: Mapping[str, Any], plan: Plan, layout: Layout, bones: Bones = _NO_BONES) -> list[Loss]:
+def cut(
+    root: Any, bodies: Mapping[str, Any], plan: Plan, layout: KeyframeLayout, bones: Bones = _NO_BONES
+) -> list[Loss]:
     """Edit the tree below the `<mujoco>` element in place.
 
     Args:

@@ -14,7 +14,7 @@ import mujoco
 
 from morphkit.ablation.loss import Loss
 from morphkit.ablation.mjcf import body_elements, body_parents, cut, set_height
-from morphkit.ablation.mjcf_keyframes import Layout
+from morphkit.ablation.mjcf_keyframes import KeyframeLayout
 from morphkit.ablation.mjcf_names import Given, given_names, keep_names, parse_tree, unnamed
 from morphkit.ablation.mjcf_references import Bones
 from morphkit.ablation.plan import Plan
@@ -51,7 +51,7 @@ class MjcfFile:
     source: Source
     bodies: dict[str, Any]
     given: Given
-    layout: Layout
+    layout: KeyframeLayout
     bones: Bones
     findings: tuple[Loss, ...]
     description: Description
@@ -125,7 +125,7 @@ class _Shared:
     def __init__(self, description: Description) -> None:
         self._source = Source(document_of(description))
         self._description = description
-        self._layout: Layout | None = None
+        self._layout: KeyframeLayout | None = None
         self._bones = _bones(self._source.root, description)
         elements = body_elements(self._source.root)
         given = given_names(self._source.root, description)
@@ -135,7 +135,7 @@ class _Shared:
 
     def open(self, findings: tuple[Loss, ...]) -> MjcfFile:
         if self._layout is None:
-            self._layout = Layout(self._source.root, self._description)
+            self._layout = KeyframeLayout(self._source.root, self._description)
         source = self._source.again()
         elements = zip(self._names, body_elements(source.root), strict=True)
         bodies = {name: element for name, element in elements if name is not None}

@@ -25,7 +25,7 @@ _WIDTHS = {0: (7, 6), 1: (4, 3), 2: (1, 1), 3: (1, 1)}
 _WITHOUT_STATE = ("contact", "equality", "sensor", "custom", "visual", "statistic", "keyframe")
 
 
-class Layout:
+class KeyframeLayout:
     """Which of a keyframe's values belong to which element of a file, taken before anything is cut.
 
     Elements are known by their number in document order, so that one layout serves every copy of the tree.

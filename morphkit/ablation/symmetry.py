@@ -22,7 +22,7 @@ _AXES = (1, 0, 2)
 
 def is_sided(name: str) -> bool:
     """Whether a name says left or right."""
-    return bool({"left", "right"} & set(vocabulary.plain(vocabulary.split(name)).split()))
+    return bool({"left", "right"} & set(vocabulary.plain_words(vocabulary.split(name)).split()))
 
 
 def counterparts(morphology: Morphology, positions: Mapping[str, np.ndarray], *, strict: bool = True) -> dict[str, str]:

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from morphkit.comparison.matching import moved, pair_limbs, pair_rest
-from morphkit.comparison.properties import Facts, Table, Value, gather, unit_of
+from morphkit.comparison.properties import Facts, Table, Value, gather_facts, unit_of
 from morphkit.description import Description
 from morphkit.naming.limbs import canonical_limb_names
 
@@ -91,7 +91,7 @@ def compare(first: Description, second: Description, *, tolerance: float = 1e-6)
     Raises:
         DescriptionError: A file cannot be read or compiled.
     """
-    a, b = gather(first), gather(second)
+    a, b = gather_facts(first), gather_facts(second)
     words = canonical_limb_names(a.morphology, first.info.canonical)
     words |= canonical_limb_names(b.morphology, second.info.canonical)
     limbs = pair_limbs(a.morphology, b.morphology, words)

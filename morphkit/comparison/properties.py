@@ -65,7 +65,7 @@ class Facts:
     notes: tuple[str, ...]
 
 
-def gather(description: Description) -> Facts:
+def gather_facts(description: Description) -> Facts:
     """The facts of a robot.
 
     Raises:

@@ -70,7 +70,7 @@ def make(
     yield from pending.left_out(None)
 
 
-def check(variant: Variant) -> Variant | FailedVariant:
+def check_variant(variant: Variant) -> Variant | FailedVariant:
     """The variant, unless MuJoCo cannot compile it."""
     reason = compile_problem(variant.description)
     if not reason:

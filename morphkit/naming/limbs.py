@@ -50,7 +50,7 @@ def canonical_joint_names(limb: Limb, limb_name: str) -> dict[str, str]:
     A limb `right thigh` with the joints `right_hip_x` and `right_hip_y` gives `hip x` and `hip y`.
     """
     said = set(fold(limb_name).split())
-    whole = [vocabulary.plain(vocabulary.split(joint.name)) for joint in limb.joints]
+    whole = [vocabulary.plain_words(vocabulary.split(joint.name)) for joint in limb.joints]
     short = [" ".join(word for word in words.split() if word not in said) for words in whole]
     distinct = all(short) and len(set(short)) == len(short)
     return dict(zip((joint.name for joint in limb.joints), unique(short if distinct else whole, " "), strict=True))
@@ -84,7 +84,7 @@ def _plain_name(raw: str, prefix: Sequence[str], taken: TakenNames) -> str:
     """The first free name in plain words, taken then: without the prefix, with it, without synonyms, numbered."""
     words = vocabulary.split(raw)
     short = words[len(prefix) :] if words[: len(prefix)] == prefix and len(words) > len(prefix) else words
-    candidates = (vocabulary.plain(short), vocabulary.plain(words), " ".join(words))
+    candidates = (vocabulary.plain_words(short), vocabulary.plain_words(words), " ".join(words))
     return taken.give(next((name for name in candidates if name not in taken), candidates[0]), " ")
 
 

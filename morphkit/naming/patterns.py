@@ -73,7 +73,7 @@ def _of_type(morphology: Morphology, word: str) -> Iterator[str]:
 
 
 def _of_segment(names: Sequence[str], word: str) -> list[str]:
-    segment = vocabulary.plain([word.lower()])
+    segment = vocabulary.plain_words([word.lower()])
     if segment in vocabulary.DIRECTIONS or not segment.isalpha():
         return []
-    return [name for name in names if segment in vocabulary.plain(vocabulary.split(name)).split()]
+    return [name for name in names if segment in vocabulary.plain_words(vocabulary.split(name)).split()]

@@ -67,7 +67,7 @@ def is_known(word: str) -> bool:
     return _segment(word) is not None or _unglue(word, sided=False) is not None
 
 
-def plain(words: Sequence[str]) -> str:
+def plain_words(words: Sequence[str]) -> str:
     """Say a name in plain words: end, side, then what is left in its order: `rl calf` gives `back left shin`."""
     end, side, rest = "", "", []
     words = " ".join(words).replace("fore arm", "forearm").split(" ")

@@ -30,7 +30,7 @@ XACRO_DEFINITIONS = ("property", "arg", "macro", "include")
 _XACRO = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}", "xacro:")
 
 
-def is_xacro(element: etree._Element) -> bool:
+def is_xacro_element(element: etree._Element) -> bool:
     """Whether an element is meant for xacro."""
     return isinstance(element.tag, str) and element.tag.startswith(_XACRO)
 
@@ -174,7 +174,7 @@ def check_urdf(tree: etree._ElementTree, *, file: str) -> tuple[str, ...]:
     links = {link.get("name") or "": link for link in root.iterchildren("link")}
     joints = {joint.get("name") or "": joint for joint in root.iterchildren("joint")}
     for element in root:
-        if is_xacro(element) and xacro_name(element) not in XACRO_DEFINITIONS:
+        if is_xacro_element(element) and xacro_name(element) not in XACRO_DEFINITIONS:
             raise DescriptionError(
                 f"{file}:{element.sourceline}: <xacro:{xacro_name(element)}> stands for elements that are missing; let "
                 "the file's name end in .xacro, or expand it first: xacro robot.urdf.xacro > robot.urdf"

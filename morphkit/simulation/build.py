@@ -72,7 +72,7 @@ def compile_plain(description: Description) -> mujoco.MjModel:
     return compile_spec(spec, description.file)
 
 
-def build(description: Description, *, base: Base | None = None) -> Simulation:
+def build_simulation(description: Description, *, base: Base | None = None) -> Simulation:
     """Compile a description together with what it lacks to be simulated.
 
     Added where missing: a floor (`morphkit_floor`), base joints, motors within the effort limits (URDF); always, and
@@ -136,11 +136,11 @@ def _complete(
     if base != "fixed" and (own_base is None or not has_floor):
         model = compile_spec(spec.copy(), description.file)
         if own_base is None:
-            completion.lift(spec, root, model)
+            completion.raise_root(spec, root, model)
             completion.add_base_joints(spec, root, base)
             notes.append(f"a {base} base was added at {root.name!r}, which starts at height {root.pos[2]:.3f} m")
         elif completion.lowest_point(model, model.body(root.name).id) < 0:
-            completion.lift(spec, root, model)
+            completion.raise_root(spec, root, model)
             notes.append(f"{root.name!r} was raised to {root.pos[2]:.3f} m, out of the floor")
     if not has_floor:
         notes.append("a floor was added")

@@ -105,7 +105,7 @@ def add_base_joints(spec: mujoco.MjSpec, root: Any, base: Base) -> None:
         )
 
 
-def lift(spec: mujoco.MjSpec, root: Any, model: mujoco.MjModel) -> None:
+def raise_root(spec: mujoco.MjSpec, root: Any, model: mujoco.MjModel) -> None:
     """Raise (or lower) the root until the robot starts `CLEARANCE_M` above the world's origin.
 
     Args:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from morphkit.morphology import Morphology, Reading, Sensor
 from morphkit.naming.unique import unique
-from morphkit.naming.vocabulary import plain, split
+from morphkit.naming.vocabulary import plain_words, split
 
 
 def declared_readings(morphology: Morphology, *, canonical: bool) -> Iterator[tuple[str, Sensor, Reading]]:
@@ -25,7 +25,9 @@ def declared_readings(morphology: Morphology, *, canonical: bool) -> Iterator[tu
 
 def sensor_labels(morphology: Morphology, *, canonical: bool) -> tuple[list[str], list[str]]:
     """What each declared sensor would be called in token names if there were no other, and what it is called."""
-    alone = ["_".join(plain(split(sensor.name)).split()) if canonical else sensor.name for sensor in morphology.sensors]
+    alone = [
+        "_".join(plain_words(split(sensor.name)).split()) if canonical else sensor.name for sensor in morphology.sensors
+    ]
     return alone, unique(alone)
 
 

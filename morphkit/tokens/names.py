@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 from morphkit.morphology import Actuator, Joint, Limb, Morphology
 from morphkit.naming.limbs import canonical_joint_names, canonical_limb_names, numbered_labels
 from morphkit.naming.unique import unique
-from morphkit.naming.vocabulary import plain, split
+from morphkit.naming.vocabulary import plain_words, split
 from morphkit.tokens import quantities
 
 Naming = Literal["raw", "canonical"]
@@ -68,7 +68,7 @@ def limb_labels(
 def label_alone(limb: Limb, naming: Naming, limb_names: str) -> str:
     """What `limb` would be called in token names if there were no other."""
     label = limb.joints[0].name if limb_names == "joint" and limb.joints and limb.parent is not None else limb.name
-    return _underscored(plain(split(label))) if naming == "canonical" else label
+    return _underscored(plain_words(split(label))) if naming == "canonical" else label
 
 
 def joint_labels(limb: Limb, naming: Naming, label: str) -> dict[str, str]:
@@ -89,7 +89,7 @@ def actuator_names(
     a_joint = Counter((actuator.limb, actuator.joint) for actuator in actuators)
     for actuator in actuators:
         limb, joint = actuator.limb, actuator.joint
-        own = _underscored(plain(split(actuator.name))) if naming == "canonical" else actuator.name
+        own = _underscored(plain_words(split(actuator.name))) if naming == "canonical" else actuator.name
         if limb is None:
             parts = [own]
         elif a_limb[limb] == 1:

@@ -66,7 +66,7 @@ def numbers_per_limb() -> int:
     return sum(quantity.width for quantity in sensed_quantities())
 
 
-def sensor_columns(name: str) -> slice:
+def quantity_columns(name: str) -> slice:
     """Which of a limb's sensor numbers belong to a quantity; KeyError where no sensor is read for it."""
     start = 0
     for quantity in sensed_quantities():

@@ -8,7 +8,7 @@ from typing import Any
 
 from morphkit.formats.urdf_names import joint_calls
 from morphkit.naming.unique import give_names
-from morphkit.readers.urdf_structure import JOINT_TYPES, XACRO_DEFINITIONS, is_xacro, join_links, xacro_name
+from morphkit.readers.urdf_structure import JOINT_TYPES, XACRO_DEFINITIONS, is_xacro_element, join_links, xacro_name
 from morphkit.utils.suggest import did_you_mean
 from morphkit.validation.common import index_names, read_numbers, shorten, unknown
 from morphkit.validation.document import CheckedDocument, elements
@@ -176,7 +176,7 @@ def check_xacro(doc: CheckedDocument) -> None:
     for element in doc.root.iter():
         if not isinstance(element.tag, str):
             continue
-        if is_xacro(element):
+        if is_xacro_element(element):
             name = xacro_name(element)
             if any(xacro_name(above) == "macro" for above in element.iterancestors()):
                 continue  # part of a definition
@@ -184,7 +184,7 @@ def check_xacro(doc: CheckedDocument) -> None:
                 doc.add("xacro-leftover", element, f"<xacro:{name}> is left over")
             else:
                 doc.add("xacro-unexpanded", element, f"<xacro:{name}> stands for elements that are missing")
-        elif not any(is_xacro(above) for above in element.iterancestors()):
+        elif not any(is_xacro_element(above) for above in element.iterancestors()):
             for key, value in element.attrib.items():
                 if "${" in value or ("$(" in value and "$(find" not in value and element.tag in _OWN):
                     doc.add("xacro-unexpanded", element, f'{key}="{shorten(value)}" in <{element.tag}>')

@@ -16,7 +16,7 @@ from morphkit.errors import ConfigError, DependencyError, MorphkitError
 from morphkit.simulation.inspection_model import Mechanics, load_mechanics
 from morphkit.simulation.limb_inertia import limb_masses
 from morphkit.viewer.joint_sliders import Dial, dials, pose
-from morphkit.viewer.web_markdown import fenced, plain
+from morphkit.viewer.web_markdown import fenced, plain_text
 from morphkit.viewer.web_origins import own_pages_only
 from morphkit.viewer.web_scene import RobotScene
 
@@ -229,10 +229,10 @@ class BrowserViewer:
     def _describe(self, variant: Variant | None) -> str:
         if variant is None:
             return "Click on a limb to remove it with everything below it."
-        lines = [f"Removed: **{plain(', '.join(variant.removed))}**", fenced(self.command_line())]
+        lines = [f"Removed: **{plain_text(', '.join(variant.removed))}**", fenced(self.command_line())]
         if variant.lost:
             lines.append(f"Lost with it: {len(variant.lost)}")
-            lines.append("\n".join(f"- {loss.kind} {plain(loss.name)}" for loss in variant.lost[:_SHOWN_LOSSES]))
+            lines.append("\n".join(f"- {loss.kind} {plain_text(loss.name)}" for loss in variant.lost[:_SHOWN_LOSSES]))
             if len(variant.lost) > _SHOWN_LOSSES:
                 lines.append(f"and {len(variant.lost) - _SHOWN_LOSSES} more")
         return "\n\n".join(lines)
@@ -243,7 +243,7 @@ def _title(mechanics: Mechanics) -> str:
     masses = [mass.mass for mass in limb_masses(mechanics).values() if mass is not None]
     parts = (("limb", robot.limbs), ("joint", robot.joints), ("actuator", robot.actuators))
     numbers = [f"{len(some)} {what}{'' if len(some) == 1 else 's'}" for what, some in parts]
-    return f"### {plain(robot.name)}\n{' · '.join(numbers)} · {sum(masses):.4g} kg"
+    return f"### {plain_text(robot.name)}\n{' · '.join(numbers)} · {sum(masses):.4g} kg"
 
 
 def _rounded(dial: Dial, value: float) -> float:

@@ -7,7 +7,7 @@ import re
 _MEANINGFUL = frozenset(r"\`*_{}[]<>()#+-.!|~$&:")
 
 
-def plain(text: str) -> str:
+def plain_text(text: str) -> str:
     """Text on one line whose characters mean nothing to Markdown."""
     return "".join(f"\\{char}" if char in _MEANINGFUL else char for char in " ".join(text.split()))
 

@@ -11,7 +11,7 @@ from morphkit.tokens.spec import TokenSpec
 
 CLIP = 10.0
 """Bound of standardised observations, so that a wild state cannot saturate the networks."""
-LARGEST = 1000.0
+OBSERVATION_BOUND = 1000.0
 """Bound of observations (m, m/s, rad/s, ...) as the statistics see them, so that a simulation on its way to diverging
 cannot hide from all robots what they sense."""
 
@@ -47,9 +47,9 @@ class Normalizer:
         return np.array([row.get(name, -1) for name in names], dtype=np.int64)
 
     def update(self, obs: np.ndarray, index: np.ndarray) -> None:
-        """Add observations (batch, tokens), bounded by `LARGEST`, of the statistics `index`, none of them -1."""
+        """Add observations (batch, tokens), bounded by `OBSERVATION_BOUND`; `index` says of which statistics."""
         size = len(self.keys)
-        obs = obs.astype(np.float64).clip(-LARGEST, LARGEST)
+        obs = obs.astype(np.float64).clip(-OBSERVATION_BOUND, OBSERVATION_BOUND)
         count = np.bincount(index, minlength=size) * float(len(obs))
         total = np.bincount(index, obs.sum(0), minlength=size)
         seen = np.maximum(count, 1)

@@ -132,7 +132,9 @@ class TD3:
             self.critic.requires_grad_(True)
             actor_loss = -(q.mean(0) * share).sum()
             if self.config.saturation_penalty > 0:
-                actor_loss = actor_loss + self.config.saturation_penalty * saturation(actor_action)
+                actor_loss = actor_loss + self.config.saturation_penalty * saturation(
+                    actor_action, self.options.saturation_margin
+                )
             self._step(actor_loss, self.actor_optimizer, self.actor)
             losses["actor_loss"] = actor_loss.detach()
             for target_net, net in ((self.actor_target, self.actor), (self.critic_target, self.critic)):
@@ -249,10 +251,18 @@ def find_device(name: str) -> torch.device:
     return device
 
 
-def saturation(action: Tensor) -> Tensor:
-    """Mean square of what tanh made into `action`, a scalar; there is no gradient where that was beyond 7.25."""
+def saturation(action: Tensor, margin: float = 0.0) -> Tensor:
+    """Mean square of what tanh made into `action`, a scalar; there is no gradient where that was beyond 7.25.
+
+    Args:
+        action: Actions in [-1, 1].
+        margin: Only what goes beyond this counts, in either direction.
+    """
     bound = 1 - 1e-6
-    return torch.atanh(action.clamp(-bound, bound)).square().mean()
+    before = torch.atanh(action.clamp(-bound, bound))
+    if margin > 0:
+        before = (before.abs() - margin).relu()
+    return before.square().mean()
 
 
 def resolve_precision(precision: str, device: str) -> str:

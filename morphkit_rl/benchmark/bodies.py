@@ -27,7 +27,7 @@ class Bodies:
     test: tuple[Description, ...]
 
 
-def gather(benchmark: Benchmark, task: str, split: str, *, validate: bool = False) -> Bodies:
+def gather_bodies(benchmark: Benchmark, task: str, split: str, *, validate: bool = False) -> Bodies:
     """Load the robots of a task in a split.
 
     Args:

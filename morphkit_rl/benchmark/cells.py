@@ -47,7 +47,7 @@ class Cell:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class MatrixPlan:
     """All that determines a cell.
 
     Attributes:
@@ -108,7 +108,7 @@ class Status:
         return read_metrics(self.folder / RUN)
 
 
-def create(plans: Sequence[Plan], matrix: Path) -> None:
+def create(plans: Sequence[MatrixPlan], matrix: Path) -> None:
     """Write the `cell.json` of every new cell, so that what was never started is known too.
 
     Raises:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from morphkit.errors import ConfigError
-from morphkit_rl.benchmark.bodies import gather
-from morphkit_rl.benchmark.cells import Cell, Plan
+from morphkit_rl.benchmark.bodies import gather_bodies
+from morphkit_rl.benchmark.cells import Cell, MatrixPlan
 from morphkit_rl.benchmark.definition import Benchmark
 from morphkit_rl.benchmark.methods import method_config
 from morphkit_rl.benchmark.published import published_steps
@@ -30,7 +30,7 @@ def plan_matrix(
     overrides: Sequence[str] = (),
     episodes: int = EPISODES,
     validate: bool = False,
-) -> list[Plan]:
+) -> list[MatrixPlan]:
     """Plan every combination of tasks, splits, methods and seeds, the first seed of all of them first.
 
     Args:
@@ -56,12 +56,12 @@ def plan_matrix(
     if preset is not None and len(methods) > 1:
         raise ConfigError("--preset goes with a single method; run the others by a command of their own")
     steps = published_steps() if steps is None and minutes is None else steps
-    found: list[Plan] = []
+    found: list[MatrixPlan] = []
     checked = set()
     for split in splits:
         configs = {name: method_config(name, split, preset=preset, overrides=overrides) for name in methods}
         for task in tasks:
-            bodies = gather(benchmark, task, split, validate=validate)
+            bodies = gather_bodies(benchmark, task, split, validate=validate)
             for config in configs.values():
                 for body in (*bodies.train, *bodies.validation, *bodies.test):
                     key = (body.name, body.sha256, repr(config))
@@ -69,7 +69,7 @@ def plan_matrix(
                         find_method(config.model.method).check(prepare_robot(config, body).spec, config.model)
                         checked.add(key)
             found += [
-                Plan(Cell(split, task, name, seed), bodies, configs[name], steps, minutes, episodes, validate)
+                MatrixPlan(Cell(split, task, name, seed), bodies, configs[name], steps, minutes, episodes, validate)
                 for name in methods
                 for seed in range(seeds)
             ]

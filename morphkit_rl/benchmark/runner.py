@@ -16,7 +16,7 @@ import numpy as np
 from morphkit.errors import MorphkitError
 from morphkit.utils.atomic_write import write_text
 from morphkit_rl.benchmark import cells
-from morphkit_rl.benchmark.cells import Plan
+from morphkit_rl.benchmark.cells import MatrixPlan
 from morphkit_rl.evaluation.evaluate import RobotResult, evaluate
 from morphkit_rl.runs.lock import hold
 from morphkit_rl.runs.metrics_log import read_metrics
@@ -28,11 +28,13 @@ EVALUATION_SEED = 10_000
 FINAL_SHARE = 0.05
 """The final training return is the mean over the rows of metrics in this last share of the steps."""
 
-Watch = Callable[[Plan, int], AbstractContextManager[Callable[[Progress], None]]]
+Watch = Callable[[MatrixPlan, int], AbstractContextManager[Callable[[Progress], None]]]
 """Called with a cell and its number when it starts; its block gets the progress of training."""
 
 
-def run_matrix(plans: Sequence[Plan], matrix: Path, *, watch: Watch, device: str = "cpu") -> Iterator[cells.Status]:
+def run_matrix(
+    plans: Sequence[MatrixPlan], matrix: Path, *, watch: Watch, device: str = "cpu"
+) -> Iterator[cells.Status]:
     """Run the cells one after the other, leaving out those that are done or that another process runs.
 
     A cell that fails does not stop the others; what went wrong is kept in its folder, and it is tried again next time.
@@ -65,7 +67,7 @@ def run_matrix(plans: Sequence[Plan], matrix: Path, *, watch: Watch, device: str
         yield cells.read_cell(folder)
 
 
-def _train(plan: Plan, run: Path, device: str, progress: Callable[[Progress], None]) -> None:
+def _train(plan: MatrixPlan, run: Path, device: str, progress: Callable[[Progress], None]) -> None:
     """Train to the end of the budget, from the last checkpoint where there is one."""
     marker = run.parent / cells.TRAINING
     if marker.is_file():
@@ -93,7 +95,7 @@ def _train(plan: Plan, run: Path, device: str, progress: Callable[[Progress], No
     write_text(marker, json.dumps(about, indent=1) + "\n", durable=True)
 
 
-def _evaluate(plan: Plan, folder: Path) -> None:
+def _evaluate(plan: MatrixPlan, folder: Path) -> None:
     """Evaluate without noise and write the result; held-out robots are met here, once, and never under validation."""
     roles = {"train": plan.bodies.train, "validation": plan.bodies.validation}
     if not plan.validate:

@@ -30,6 +30,7 @@ class LearnerConfig:
             `td3.exploration_noise` minus this to plus this.
         actor_average: Share of the last average of actor weights that an update keeps. The average is what evaluations
             and the saved policy act with. 0 for the weights themselves.
+        saturation_margin: |atanh(action)| up to which `td3.saturation_penalty` does not count; 2 is an action of 0.96.
         sample_ahead: Whether a sweep's batches are drawn from the replay at once, which is cheaper.
     """
 
@@ -45,4 +46,5 @@ class LearnerConfig:
     final_learning_rate: float = bounded(1.0, at_most=1)
     noise_spread: float = 0.0
     actor_average: float = bounded(0.0, at_most=1)
+    saturation_margin: float = 0.0
     sample_ahead: bool = False

@@ -38,7 +38,7 @@ def override(values: dict[str, Any], text: str) -> None:
     values[section][name] = value
 
 
-def build(kind: type[Any], values: Mapping[str, Any], origin: str, section: str = "") -> Any:
+def fill(kind: type[Any], values: Mapping[str, Any], origin: str, section: str = "") -> Any:
     """Fill a dataclass, and those that are its fields, from nested settings.
 
     A field whose metadata has `choose` is filled into the dataclass that this gives for its values and their name.
@@ -65,7 +65,7 @@ def build(kind: type[Any], values: Mapping[str, Any], origin: str, section: str 
                 raise ConfigError(f"{origin}: {where} is a section, not a value")
             if choose := about[key].get("choose"):
                 hint = choose(value, f"{origin}: {where}")
-            arguments[key] = build(typing.cast("type[Any]", hint), value, origin, where)
+            arguments[key] = fill(typing.cast("type[Any]", hint), value, origin, where)
         else:
             arguments[key] = _check(hint, value, f"{origin}: {where}", about[key])
     return kind(**arguments)

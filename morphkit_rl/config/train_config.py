@@ -13,7 +13,7 @@ from typing import Any, Literal
 from morphkit.errors import ConfigError, UnknownNameError
 from morphkit_rl.config.learner_config import LearnerConfig
 from morphkit_rl.config.methods import DEFAULT, ModelSettings, find_method, settings_of
-from morphkit_rl.config.parsing import bounded, build, lists_for_tuples, override
+from morphkit_rl.config.parsing import bounded, fill, lists_for_tuples, override
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +153,7 @@ class TrainConfig:
         Raises:
             ConfigError: A section or key does not exist, or a value has the wrong type or range.
         """
-        return build(cls, values, origin)
+        return fill(cls, values, origin)
 
 
 def presets() -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from morphkit.tokens.spec import TokenSpec
 from morphkit_rl.envs.divergence import Divergence
 from morphkit_rl.envs.observation import Observation, ObservationPass
 from morphkit_rl.envs.reward import RewardPass
-from morphkit_rl.envs.stepping import Robot, Stepper
+from morphkit_rl.envs.stepping import SteppedRobot, Stepper
 from morphkit_rl.envs.tasks import Task
 
 
@@ -98,7 +98,7 @@ class BatchEnv:
         self.specs = [simulation.tokens for simulation in simulations] if specs is None else list(specs)
         _check(self.simulations, self.tasks, self.num_envs, self.specs, observation)
         self.diverged = np.zeros(len(simulations), np.int64)
-        self._robots = [Robot(*robot) for robot in zip(simulations, tasks, self.num_envs, strict=True)]
+        self._robots = [SteppedRobot(*robot) for robot in zip(simulations, tasks, self.num_envs, strict=True)]
         sizes = [robot.start.size for robot in self._robots]
         states = _slices([n * size for n, size in zip(self.num_envs, sizes, strict=True)])
         self._state = np.concatenate([np.tile(robot.start, len(robot.ctrl)) for robot in self._robots])

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from morphkit_rl.envs.stepping import Robot
+from morphkit_rl.envs.stepping import SteppedRobot
 
-LARGEST = 1e6
+STATE_BOUND = 1e6
 """Bound of coordinates and velocities, m, rad, m/s, rad/s: a simulator step of 0.1 ms at an acceleration that MuJoCo
 calls bad, 1e10, leads here."""
 
@@ -16,9 +16,9 @@ calls bad, 1e10, leads here."""
 class Divergence:
     """Watches all environments of all robots.
 
-    An environment diverges where a coordinate or velocity is beyond `LARGEST`, where anything is not finite, or where
-    simulator steps are missing: `mujoco.rollout` leaves out the rest of a control step once MuJoCo warns, such as for
-    lack of memory for contacts. Activations may be large, such as a filtered force in N.
+    An environment diverges where a coordinate or velocity is beyond `STATE_BOUND`, where anything is not finite, or
+    where simulator steps are missing: `mujoco.rollout` leaves out the rest of a control step once MuJoCo warns, such as
+    for lack of memory for contacts. Activations may be large, such as a filtered force in N.
 
     Args:
         robots: Robots whose `state` is set.
@@ -26,7 +26,7 @@ class Divergence:
             stands its time.
     """
 
-    def __init__(self, robots: Sequence[Robot], state_start: Sequence[np.ndarray]) -> None:
+    def __init__(self, robots: Sequence[SteppedRobot], state_start: Sequence[np.ndarray]) -> None:
         self._robots = robots
         self._time = np.concatenate(state_start)
         durations = [(robot.frame_skip - 0.5) * robot.model.opt.timestep for robot in robots]
@@ -43,14 +43,14 @@ class Divergence:
             Which environments had diverged, bool (environments,); None where none had.
         """
         diverged = state.take(self._time) - before.take(self._time) < self._most_of_step
-        if np.abs(state).max(initial=0.0) < LARGEST and not diverged.any():  # False for NaN
+        if np.abs(state).max(initial=0.0) < STATE_BOUND and not diverged.any():  # False for NaN
             return None
         env = first = 0
         for robot in self._robots:
             n, size = robot.state.shape
             moving = robot.state[:, 1 : 1 + robot.nq + robot.nv]
             mine = diverged[env : env + n]
-            mine |= ~((np.abs(moving) < LARGEST).all(axis=1) & np.isfinite(robot.state).all(axis=1))
+            mine |= ~((np.abs(moving) < STATE_BOUND).all(axis=1) & np.isfinite(robot.state).all(axis=1))
             robot.state[mine] = before[first : first + n * size].reshape(n, size)[mine]
             env, first = env + n, first + n * size
         return diverged if diverged.any() else None

@@ -48,14 +48,14 @@ class ObservationPass:
         observation: Observation,
     ) -> None:
         self._legacy = observation == "legacy"
-        self._x = quantities.sensor_columns("position").start
-        self._lift = quantities.sensor_columns("translational_velocity").start + 2
-        self._turn = quantities.sensor_columns("rotational_velocity").start + 1
+        self._x: int = quantities.quantity_columns("position").start
+        self._lift: int = quantities.quantity_columns("translational_velocity").start + 2
+        self._turn: int = quantities.quantity_columns("rotational_velocity").start + 1
         num_envs = [len(start) for start in state_start]
         limbs = np.repeat([len(simulation.limb_body) for simulation in simulations], num_envs)
         self.sensors = np.zeros((int(limbs.sum()), quantities.numbers_per_limb()))
         self._features_of = _feature_columns()
-        self._x_feature = self._features_of["position"].start
+        self._x_feature: int = self._features_of["position"].start
         self._width = max(columns.stop for columns in self._features_of.values())
         self.roots = np.cumsum(limbs) - limbs
         self._root_of = np.repeat(self.roots, limbs)
@@ -98,14 +98,10 @@ class ObservationPass:
         self._source = np.zeros(next_constant, np.float32)
         self._source[first_constant:] = np.concatenate(constants)
         self._features = self._source[:first_angle].reshape(-1, self._width)
-        self._sensed = [
-            (
-                each,
-                self.sensors[:, quantities.sensor_columns(each.name)],
-                self._features[:, self._features_of[each.name]],
-            )
-            for each in quantities.sensed_quantities()
-        ]
+        self._sensed: list[tuple[quantities.LimbQuantity, np.ndarray, np.ndarray]] = []
+        for each in quantities.sensed_quantities():
+            numbers = self.sensors[:, quantities.quantity_columns(each.name)]
+            self._sensed.append((each, numbers, self._features[:, self._features_of[each.name]]))
         self._angles = self._source[first_angle:first_constant]
         self._gather = np.concatenate(gather)
 

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from morphkit.simulation.build import Simulation
-from morphkit.tokens.quantities import sensor_columns
+from morphkit.tokens.quantities import quantity_columns
 from morphkit_rl.envs.tasks import Task, start_pose
 
 
@@ -43,7 +43,7 @@ class RewardPass:
             return np.repeat(np.array([value(simulation, task) for simulation, task in robots]), num_envs, axis=0)
 
         self._sensors, self._root_row = sensors, root_row
-        self._position, self._turned = sensor_columns("position").start, sensor_columns("exponential_map")
+        self._position, self._turned = quantity_columns("position").start, quantity_columns("exponential_map")
         address = per_env(lambda simulation, _: _planar_addresses(simulation))
         self._forward, self._height, self._pitch = (env_start[:, None] + address).T
         self._height_offset = per_env(_height_offset)

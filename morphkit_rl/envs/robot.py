@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from morphkit.description import Description
 from morphkit.morphology import Base
-from morphkit.simulation.build import Simulation, build
+from morphkit.simulation.build import Simulation, build_simulation
 from morphkit.tokens.names import LimbNames, Naming, TextStyle
 from morphkit.tokens.selection import take_quantities
 from morphkit.tokens.spec import TokenSpec, token_spec
@@ -52,7 +52,7 @@ def prepare(
     Raises:
         UnknownNameError: There is no such task or quantity.
     """
-    simulation = build(description, base=base)
+    simulation = build_simulation(description, base=base)
     spec = token_spec(
         simulation.morphology,
         naming=naming,

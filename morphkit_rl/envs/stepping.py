@@ -23,7 +23,7 @@ _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 _RUNGE_KUTTA_COST = 3.2  # Euler steps that take as long as a Runge-Kutta step, measured on the benchmark's bodies
 
 
-class Robot:
+class SteppedRobot:
     """One robot's models and buffers.
 
     Attributes:
@@ -102,7 +102,7 @@ class Robot:
 class _Piece:
     """Some consecutive environments of a robot, which one thread works on; all arrays are views."""
 
-    def __init__(self, robot: Robot, first: int, last: int) -> None:
+    def __init__(self, robot: SteppedRobot, first: int, last: int) -> None:
         self.robot, n = robot, last - first
         self.models, self.data = [robot.model] * n, [mujoco.MjData(robot.model)]
         self.kinematics, self.kinematics_data = [robot.kinematics] * n, [mujoco.MjData(robot.kinematics)]
@@ -161,7 +161,7 @@ class Stepper:
         num_threads: How many threads work, the calling one included.
     """
 
-    def __init__(self, robots: Sequence[Robot], num_threads: int) -> None:
+    def __init__(self, robots: Sequence[SteppedRobot], num_threads: int) -> None:
         _switch_profiler_off()
         total = sum(robot.cost * len(robot.state) for robot in robots)
         self._shares = [_Share(Rollout(nthread=0), []) for _ in range(num_threads)]
@@ -196,7 +196,7 @@ class Stepper:
             for share in self._shares:
                 share.sense()
 
-    def sense_some(self, robot: Robot, which: np.ndarray) -> None:
+    def sense_some(self, robot: SteppedRobot, which: np.ndarray) -> None:
         """Fill in the sensors of some of a robot's environments."""
         piece = next(piece for share in self._shares for piece in share.pieces if piece.robot is robot)
         out = np.empty((len(which), 1, robot.model.nsensordata))

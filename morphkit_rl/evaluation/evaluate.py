@@ -47,11 +47,6 @@ class RobotResult(RobotReturns):
         return mean_interval(self.random_returns)
 
     @property
-    def beats_random(self) -> bool:
-        """Whether the mean return lies above the random policy's interval."""
-        return self.mean > self.random_interval[1]
-
-    @property
     def normalised(self) -> float | None:
         """(return - random) / (expert - random); None where no expert return is known."""
         return normalised(self.mean, self.random_mean, self.expert_return)

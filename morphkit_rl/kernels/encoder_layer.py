@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,7 +10,17 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from morphkit_rl.kernels.library import STEP, ThreadGradients, edges, function, integers, pointer, pointers, takes
+from morphkit_rl.kernels.library import (
+    STEP,
+    ThreadGradients,
+    edges,
+    function,
+    integers,
+    pointer,
+    pointers,
+    sequence_starts,
+    takes,
+)
 
 
 def available(x: Tensor, spans: Sequence[slice], heads: int, hidden: int) -> bool:
@@ -37,7 +46,7 @@ def encoder_layer(x: Tensor, spans: Sequence[slice], heads: int, parameters: Seq
     """
     tokens = edges(spans, x.shape[2])
     assert tokens is not None
-    starts = _starts(tokens, x.shape[1])
+    starts = sequence_starts(tokens, x.shape[1])
     if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in (x, *parameters)):
         result: Tensor = _EncoderLayer.apply(x.contiguous(), starts, heads, *parameters)
         return result
@@ -80,10 +89,3 @@ def _call(name: str, x: Tensor, starts: Tensor, heads: int, parameters: Sequence
     parameters = [parameter.contiguous() for parameter in parameters]
     sizes = integers(len(x), len(starts) - 1, x.shape[-1], heads, parameters[4].shape[-1])
     kernel(sizes, pointer(starts), torch.get_num_threads(), pointers(parameters), pointer(x), *arguments)
-
-
-@functools.lru_cache(maxsize=64)
-def _starts(edges: tuple[int, ...], batch: int) -> Tensor:
-    """Row of the first token of every robot in every sample, and the number of rows."""
-    starts = torch.arange(batch)[:, None] * edges[-1] + torch.tensor(edges[:-1])
-    return torch.cat([starts.ravel(), torch.tensor([batch * edges[-1]])])

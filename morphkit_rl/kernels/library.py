@@ -34,8 +34,11 @@ SWITCH = "MORPHKIT_KERNELS"
 STEP = 16
 """Widths of vectors that kernels compute on are multiples of this."""
 
-_SOURCES = ("encoder_layer.cpp", "cross_attention.cpp", "mlp.cpp", "norm.cpp")
-_HEADERS = ("product.h", "rows.h")
+_SOURCES = (
+    *("encoder_layer.cpp", "cross_attention.cpp", "mlp.cpp", "norm.cpp"),
+    *("limb_tokens.cpp", "limb_layer.cpp", "actuator_heads.cpp", "perceptron_critic.cpp"),
+)
+_HEADERS = ("product.h", "rows.h", "layer.h")
 _FLAGS = ("-std=c++17", "-O3", "-march=native", "-fPIC")
 _TIMEOUT_S = 60
 
@@ -68,6 +71,13 @@ def edges(spans: Sequence[slice], length: int) -> tuple[int, ...] | None:
     found = (0, *(span.stop for span in spans))
     fits = found[-1] == length and found[:-1] == tuple(span.start for span in spans) and list(found) == sorted({*found})
     return found if fits else None
+
+
+@functools.lru_cache(maxsize=64)
+def sequence_starts(edges: tuple[int, ...], batch: int) -> Tensor:
+    """Row of the first token of every robot in every sample, and the number of rows."""
+    starts = torch.arange(batch)[:, None] * edges[-1] + torch.tensor(edges[:-1])
+    return torch.cat([starts.ravel(), torch.tensor([batch * edges[-1]])])
 
 
 @functools.lru_cache(maxsize=256)

@@ -115,7 +115,7 @@ class TwinCritic(nn.Module):
         return self.network(limbs.expand(members, -1, -1, -1), layout)
 
 
-def check(spec: TokenSpec, settings: AmorpheusSettings, vocabulary: Vocabulary | None = None) -> None:
+def check_robot(spec: TokenSpec, settings: AmorpheusSettings, vocabulary: Vocabulary | None = None) -> None:
     """Raise ConfigError where the robot's limbs are not alike."""
     check_limbs(settings.method, spec, vocabulary)
 
@@ -135,7 +135,7 @@ METHOD = Method(
     actions="limbs",
     settings=AmorpheusSettings,
     build=build,
-    check=check,
+    check=check_robot,
     preset="amorpheus-paper",
     label="Amorpheus",
     color="#CC79A7",

@@ -61,7 +61,7 @@ def _rows(names: list[str] | tuple[str, ...], known: tuple[str, ...], layout: La
     return torch.tensor([row.get(name, len(known)) for name in names], device=layout.relation.device)
 
 
-def check(spec: TokenSpec, settings: AnyMorphSettings, vocabulary: Vocabulary | None = None) -> None:
+def check_robot(spec: TokenSpec, settings: AnyMorphSettings, vocabulary: Vocabulary | None = None) -> None:
     """Raise ConfigError where the robot's limbs are not alike, which the critics need."""
     check_limbs(settings.method, spec, vocabulary)
 
@@ -79,7 +79,7 @@ METHOD = Method(
     actions="limbs",
     settings=AnyMorphSettings,
     build=build,
-    check=check,
+    check=check_robot,
     preset="anymorph-paper",
     label="AnyMorph",
     color="#009E73",

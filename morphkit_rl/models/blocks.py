@@ -9,6 +9,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from morphkit.errors import ConfigError
+from morphkit_rl.kernels.limb_layer import Kinship, available, limb_layer
 
 
 class MemberLinear(nn.Module):
@@ -85,6 +86,16 @@ class TransformerLayer(nn.Module):
         x = x + self.out(mixed.transpose(2, 3).reshape(rows)).view(x.shape)
         hidden = F.relu(self.expand(F.layer_norm(x, (width,)).view(rows)))
         return x + self.contract(hidden).view(x.shape)
+
+    def suits_kernel(self, x: Tensor) -> bool:
+        """Whether `mix_kin` can take `x`."""
+        return available(x, self.heads, self.expand.weight.shape[-1])
+
+    def mix_kin(self, x: Tensor, kinship: Kinship, relation_bias: Tensor) -> Tensor:
+        """The same by the compiled kernel, with the bias (members, heads, kinds) of each kind of kinship."""
+        parts = (self.qkv, self.out, self.expand, self.contract)
+        parameters = [parameter for part in parts for parameter in part.parameters()]
+        return limb_layer(x, kinship, self.heads, [*parameters, relation_bias])
 
 
 def check_heads(d_model: int, heads: int) -> None:

@@ -11,6 +11,8 @@ import torch
 from torch import Tensor
 
 from morphkit.tokens.spec import TokenSpec
+from morphkit_rl.kernels.limb_layer import Kinship
+from morphkit_rl.kernels.limb_tokens import Scalars
 
 SELF, PARENT, CHILD, OTHER, FOREIGN = range(5)
 
@@ -28,11 +30,13 @@ class Slots:
         column: (limbs, slots) column of each scalar in the input row; the row's width where the slot is empty.
         text: (limbs, slots) index of its text in `Layout.embeddings`.
         mask: (limbs, slots, 1), 1 where the slot holds a scalar.
+        scalars: The same limb by limb, for the compiled kernel.
     """
 
     column: Tensor
     text: Tensor
     mask: Tensor
+    scalars: Scalars
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,12 +59,14 @@ class Layout:
         observation: What each limb reads of an observation row.
         observation_and_action: What each limb reads of an observation row followed by an action row.
         relation: (limbs, limbs) what limb j is to limb i: itself, parent, child, other or of a foreign robot.
+        kinship: The relations within each robot, for the compiled kernel.
         parents: For each limb, the place of its parent in the sequence of limbs; -1 for roots.
         limb_embeddings: (limbs, size) mean embedding of each limb's sensor texts.
         token_text: (tokens,) index of the text of each observation column.
         action_names: Name of the token of each action column.
         action_text: (actions,) index of the text of each action column.
         action_limb: (actions,) limb that it drives; the number of limbs where it drives no single one.
+        each_action_has_a_limb: Whether every action drives a single limb.
         robot_limbs: (robots, limbs) weights that average over a robot's limbs.
         action_robot: (actions,) robot of each action column.
     """
@@ -82,6 +88,8 @@ class Layout:
     action_names: tuple[str, ...]
     action_text: Tensor
     action_limb: Tensor
+    kinship: Kinship
+    each_action_has_a_limb: bool
     robot_limbs: Tensor
     action_robot: Tensor
 
@@ -157,7 +165,8 @@ def build_layout(
 
     def slots(entries: list[list[tuple[int, int]]], width: int) -> Slots:
         column, text, mask = _pad(entries, width)
-        return Slots(tensor(column), tensor(text), tensor(mask[..., None], torch.float32))
+        scalars = Scalars.of(*map(torch.from_numpy, (column, text, mask)))
+        return Slots(tensor(column), tensor(text), tensor(mask[..., None], torch.float32), scalars)
 
     return Layout(
         specs=tuple(specs),
@@ -181,6 +190,8 @@ def build_layout(
         action_names=tuple(control.name for own in controls for control in own),
         action_text=tensor(np.asarray(action_text, dtype=np.int64)),
         action_limb=tensor(np.asarray(action_limb, dtype=np.int64)),
+        kinship=Kinship.of(torch.from_numpy(relation), limbs),
+        each_action_has_a_limb=num_limbs not in action_limb,
         robot_limbs=tensor(robot_limbs, torch.float32),
         action_robot=tensor(np.repeat(np.arange(len(specs)), [len(own) for own in controls])),
     )

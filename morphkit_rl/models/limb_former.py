@@ -15,6 +15,7 @@ averages over the limbs before its head.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 import torch.nn.functional as F
@@ -23,7 +24,8 @@ from torch import Tensor, nn
 from morphkit.tokens.spec import TokenSpec
 from morphkit_rl.config.methods import Method, ModelSettings
 from morphkit_rl.config.parsing import bounded
-from morphkit_rl.models.blocks import MemberLinear, TransformerLayer
+from morphkit_rl.kernels import actuator_heads, limb_tokens
+from morphkit_rl.models.blocks import MemberLinear, TransformerLayer, first
 from morphkit_rl.models.layout import FOREIGN, Layout, Slots
 from morphkit_rl.models.vocabulary import Vocabulary
 
@@ -51,15 +53,32 @@ class Names:
     """What an encoder makes of a layout's names alone; the same for every row of values.
 
     Attributes:
-        weights: (limbs, slots, members * d_model) vector that each scalar is multiplied by.
+        slots: Which limb reads which column.
+        layout: The robots.
+        vectors: (members, texts, d_model) vector that a scalar of each text is multiplied by.
         tokens: (members, limbs, d_model) part of the limb tokens that does not depend on values.
-        attention: For each group of robots, its limbs and (members, 1, heads, limbs, limbs) bias by kinship; -inf
-            between robots.
+        relation_bias: (members, heads, kinds) bias of attention by kinship.
     """
 
-    weights: Tensor
+    slots: Slots
+    layout: Layout
+    vectors: Tensor
     tokens: Tensor
-    attention: tuple[tuple[slice, Tensor], ...]
+    relation_bias: Tensor
+
+    @cached_property
+    def weights(self) -> Tensor:
+        """(limbs, slots, members * d_model) vector of the scalar in each slot."""
+        members, _, d_model = self.vectors.shape
+        weights = self.vectors.index_select(1, self.slots.text.view(-1)).transpose(0, 1)
+        return weights.reshape(*self.slots.column.shape, members * d_model)
+
+    @cached_property
+    def attention(self) -> list[tuple[slice, Tensor]]:
+        """Groups of robots, their limbs and (members, 1, heads, limbs, limbs) bias; -inf between robots."""
+        bias = F.pad(self.relation_bias, (0, 1), value=float("-inf"))
+        groups = self.layout.groups
+        return [(group, bias[..., self.layout.relation[group, group]].unsqueeze(1)) for group in groups]
 
 
 class LimbEncoder(nn.Module):
@@ -87,35 +106,40 @@ class LimbEncoder(nn.Module):
 
     def read_names(self, slots: Slots, layout: Layout, members: int | None = None) -> Names:
         """Do what depends on the layout's names only, for the first `members` networks; default: all."""
-        d_model, members = self.value.weight.shape[-1], members or len(self.value.weight)
-        values = self.value(layout.embeddings.expand(members, -1, -1))[:, slots.text] * slots.mask
-        bias = F.pad(self.relation_bias[:members], (0, 1), value=float("-inf"))
+        members = members or len(self.value.weight)
         return Names(
-            weights=values.permute(1, 2, 0, 3).reshape(*slots.column.shape, members * d_model),
+            slots=slots,
+            layout=layout,
+            vectors=self.value(layout.embeddings.expand(members, -1, -1)),
             tokens=self.name(layout.limb_embeddings.expand(members, -1, -1)),
-            attention=tuple(
-                (group, bias[..., layout.relation[group, group]].unsqueeze(1).to(self.precision))
-                for group in layout.groups
-            ),
+            relation_bias=first(self.relation_bias, members),
         )
 
-    def forward(self, row: Tensor, slots: Slots, names: Names) -> Tensor:
+    def forward(self, row: Tensor, names: Names) -> Tensor:
         """Encode rows of scalars.
 
         Args:
             row: (batch, width) scalars of all robots side by side.
-            slots: Which limb reads which column.
-            names: What `read_names` made of the same slots.
+            names: What `read_names` made of the layout.
 
         Returns:
-            (members, batch, limbs, d_model).
+            (members, batch, limbs, d_model) tokens, not yet normalised, as precise as the layers.
         """
+        x = self._tokens(row, names)
+        if all(isinstance(layer, TransformerLayer) and layer.suits_kernel(x) for layer in self.layers):
+            for layer in self.layers:
+                assert isinstance(layer, TransformerLayer)
+                x = layer.mix_kin(x, names.layout.kinship, names.relation_bias)
+            return x
+        return torch.cat([self._mix(x[:, :, group], bias.to(x.dtype)) for group, bias in names.attention], 2)
+
+    def _tokens(self, row: Tensor, names: Names) -> Tensor:
         members, limbs, d_model = names.tokens.shape
-        values = F.pad(row, (0, 1))[:, slots.column].transpose(0, 1)
-        tokens = torch.bmm(values, names.weights).view(limbs, -1, members, d_model).permute(2, 1, 0, 3)
-        x = F.layer_norm(tokens + names.tokens.unsqueeze(1), (d_model,)).to(self.precision)
-        x = torch.cat([self._mix(x[:, :, group], bias) for group, bias in names.attention], 2)
-        return F.layer_norm(x.float(), (d_model,))
+        if limb_tokens.available(row, d_model, self.precision):
+            return limb_tokens.limb_tokens(row, names.slots.scalars, names.vectors, names.tokens, self.precision)
+        values = F.pad(row, (0, 1))[:, names.slots.column].transpose(0, 1)
+        summed = torch.bmm(values, names.weights).view(limbs, -1, members, d_model).permute(2, 1, 0, 3)
+        return F.layer_norm(summed + names.tokens.unsqueeze(1), (d_model,)).to(self.precision)
 
     def _mix(self, x: Tensor, bias: Tensor) -> Tensor:
         for layer in self.layers:
@@ -144,15 +168,23 @@ class Actor(nn.Module):
     def forward(self, obs: Tensor, layout: Layout, names: tuple[Names, Tensor] | None = None) -> Tensor:
         """Act on normalised observation rows; `names`, from `read_names`, saves time while the weights stay."""
         limb_names, actuator_names = names or self.read_names(layout)
-        limbs = self.encoder(obs, layout.observation, limb_names)[0]
+        limbs = self.encoder(obs, limb_names)[0]
         if len(layout.action_limb) == 0:
             return obs.new_zeros(len(obs), 0)
-        means = torch.matmul(layout.robot_limbs, limbs)[:, layout.action_robot]
-        without_limb = (layout.action_limb == limbs.shape[1])[:, None]
-        own = F.pad(limbs, (0, 0, 0, 1))[:, layout.action_limb]
-        x = torch.where(without_limb, means, own)
+        if layout.each_action_has_a_limb and actuator_heads.available(limbs):
+            parts = (*self.read.parameters(), actuator_names, *self.head.parameters())
+            return actuator_heads.actuator_heads(limbs, layout.action_limb, [part[0] for part in parts])
+        x = self._own_limbs(F.layer_norm(limbs.float(), limbs.shape[-1:]), layout)
         hidden = F.relu(self.read(x.reshape(1, -1, x.shape[-1])).view(x.shape) + actuator_names)
         return torch.tanh(self.head(hidden.view(1, -1, x.shape[-1])).view(x.shape[:2]))
+
+    def _own_limbs(self, limbs: Tensor, layout: Layout) -> Tensor:
+        """(batch, actuators, d_model) tokens of the limbs that actuators drive; the mean where it is no single one."""
+        if layout.each_action_has_a_limb:
+            return limbs.index_select(1, layout.action_limb)
+        means = torch.matmul(layout.robot_limbs, limbs)[:, layout.action_robot]
+        without_limb = (layout.action_limb == limbs.shape[1])[:, None]
+        return torch.where(without_limb, means, F.pad(limbs, (0, 0, 0, 1))[:, layout.action_limb])
 
 
 class TwinCritic(nn.Module):
@@ -173,14 +205,14 @@ class TwinCritic(nn.Module):
     def forward(self, obs: Tensor, action: Tensor, layout: Layout, members: int = 2) -> Tensor:
         """Value actions in [-1, 1] at normalised observation rows, by the first `members` critics."""
         slots = layout.observation_and_action
-        limbs = self.encoder(torch.cat([obs, action], -1), slots, self.encoder.read_names(slots, layout, members))
-        pooled = torch.matmul(layout.robot_limbs, limbs)
+        limbs = self.encoder(torch.cat([obs, action], -1), self.encoder.read_names(slots, layout, members))
+        pooled = torch.matmul(layout.robot_limbs, F.layer_norm(limbs.float(), limbs.shape[-1:]))
         members, batch, robots, width = pooled.shape
         hidden = F.relu(self.hidden(pooled.reshape(members, -1, width)))
         return self.head(hidden).view(members, batch, robots)
 
 
-def check(spec: TokenSpec, settings: LimbFormerSettings, vocabulary: Vocabulary | None = None) -> None:
+def check_robot(spec: TokenSpec, settings: LimbFormerSettings, vocabulary: Vocabulary | None = None) -> None:
     """Limb-Former expresses every robot."""
 
 
@@ -201,7 +233,7 @@ METHOD = Method(
     actions="actuators",
     settings=LimbFormerSettings,
     build=build,
-    check=check,
+    check=check_robot,
     reads_names="both",
     preset="default",
     label="Limb-Former",

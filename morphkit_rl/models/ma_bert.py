@@ -33,7 +33,7 @@ class TextTokens(nn.Module):
         return layout.embeddings[layout.token_text], layout.embeddings[layout.action_text]
 
 
-def check(spec: TokenSpec, settings: MaBertSettings, vocabulary: Vocabulary | None = None) -> None:
+def check_robot(spec: TokenSpec, settings: MaBertSettings, vocabulary: Vocabulary | None = None) -> None:
     """Raise ConfigError where the robot's limbs are not alike, which the critics need."""
     check_limbs(settings.method, spec, vocabulary)
 
@@ -50,7 +50,7 @@ METHOD = Method(
     actions="limbs",
     settings=MaBertSettings,
     build=build,
-    check=check,
+    check=check_robot,
     reads_names="actor",
     preset="ma-bert-paper",
     label="MA-BERT",

@@ -19,6 +19,7 @@ from torch import Tensor, nn
 
 from morphkit.errors import ConfigError
 from morphkit_rl.config.learner_config import LearnerConfig
+from morphkit_rl.kernels import perceptron_critic
 from morphkit_rl.models.blocks import MemberLinear, first
 from morphkit_rl.models.layout import Layout
 from morphkit_rl.models.transformer import Norm
@@ -37,11 +38,13 @@ class _Reading:
             none.
         text: (robots, scalars) row of its vector.
         robot: (robots,) row of the robot's vector.
+        kernel: The same for the compiled kernel.
     """
 
     column: Tensor
     text: Tensor
     robot: Tensor
+    kernel: perceptron_critic.Readings
 
 
 class PerceptronCritic(nn.Module):
@@ -82,16 +85,31 @@ class PerceptronCritic(nn.Module):
             ConfigError: The layout holds a robot that is none of training.
         """
         reading = self._reading(layout)
+        if perceptron_critic.available(obs, self.token.shape[-1], self.precision):
+            parameters = self._parameters_in_order()
+            output = perceptron_critic.perceptron_critic(
+                obs, action, reading.kernel, members, parameters, self.precision
+            )
+        else:
+            output = self._compute(obs, action, reading, members)
+        return output if self.atoms else output[..., 0]
+
+    def _compute(self, obs: Tensor, action: Tensor, reading: _Reading, members: int) -> Tensor:
         row = F.pad(torch.cat([obs, action], -1), (0, 1)).to(self.precision)
         scalars = row[:, reading.column].transpose(0, 1)
         vectors = first(self.token, members)[:, reading.text].to(self.precision)
         robots = first(self.robot, members)[:, reading.robot].unsqueeze(2)
-        summed = torch.matmul(scalars, vectors).float() + robots
+        summed = torch.matmul(scalars, vectors).to(obs.dtype) + robots
         x = F.relu(self.norms[0](summed)).flatten(1, 2).to(self.precision)
         for linear, norm in zip(self.hidden, self.norms[1:], strict=True):
             x = F.relu(norm(linear(x)))
-        output = self.head(x).float().view(members, layout.num_robots, len(obs), -1).transpose(1, 2)
-        return output if self.atoms else output[..., 0]
+        return self.head(x).to(obs.dtype).view(members, len(reading.robot), len(obs), -1).transpose(1, 2)
+
+    def _parameters_in_order(self) -> list[Tensor]:
+        """The parameters as the kernel takes them."""
+        layers = zip(self.hidden, self.norms[1:], strict=True)
+        parts = [self.head, self.norms[0], *(part for pair in layers for part in pair)]
+        return [self.token, self.robot, *(parameter for part in parts for parameter in part.parameters())]
 
     def _reading(self, layout: Layout) -> _Reading:
         if layout not in self._readings:
@@ -114,7 +132,14 @@ class PerceptronCritic(nn.Module):
         longest = max(map(len, columns))
         column = torch.tensor([own + [empty] * (longest - len(own)) for own in columns], device=place.device)
         robot = torch.tensor([self.robots[name] for name in names], device=place.device)
-        return _Reading(column, F.pad(text_of, (0, 1))[column], robot)
+        texts = torch.cat([text_of[own] for own in columns])
+        rows, first = [], 0
+        for number, (tokens, a) in enumerate(zip(layout.tokens, layout.actions, strict=True)):
+            width, actions = tokens.stop - tokens.start, a.stop - a.start
+            rows.append([tokens.start, width, a.start, actions, self.robots[names[number]], first])
+            first += width + actions
+        kernel = perceptron_critic.Readings(torch.tensor(rows), texts)
+        return _Reading(column, F.pad(text_of, (0, 1))[column], robot, kernel)
 
 
 def build_perceptron_critic(config: LearnerConfig, vocabulary: Vocabulary) -> PerceptronCritic:

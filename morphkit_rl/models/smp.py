@@ -248,7 +248,7 @@ class TwinCritic(nn.Module):
         return torch.matmul((layout.robot_limbs > 0).to(values.dtype), values[:, limbs.place]).transpose(1, 2)
 
 
-def check(spec: TokenSpec, settings: SmpSettings, vocabulary: Vocabulary | None = None) -> None:
+def check_robot(spec: TokenSpec, settings: SmpSettings, vocabulary: Vocabulary | None = None) -> None:
     """Raise ConfigError where the robot's limbs are not alike, or a limb has more children than in training."""
     check_limbs(settings.method, spec, vocabulary)
     if vocabulary and settings.actor_messages != "none":
@@ -272,7 +272,7 @@ METHOD = Method(
     actions="limbs",
     settings=SmpSettings,
     build=build,
-    check=check,
+    check=check_robot,
     preset="smp-paper",
     label="SMP",
     color="#56B4E9",

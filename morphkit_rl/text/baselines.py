@@ -11,7 +11,7 @@ import numpy as np
 Control = Literal["none", "random", "shuffled", "one-hot"]
 
 
-class Source(Protocol):
+class EmbeddingSource(Protocol):
     """Texts to vectors."""
 
     @property
@@ -42,7 +42,7 @@ class ShuffledTexts:
     Texts that are not known keep their own vectors.
     """
 
-    def __init__(self, source: Source, known: Sequence[str]):
+    def __init__(self, source: EmbeddingSource, known: Sequence[str]):
         self.source, self.size = source, source.size
         ordered = sorted(set(known))
         moved = np.roll(np.random.default_rng(0).permutation(len(ordered)), 1)
@@ -67,7 +67,7 @@ class OneHotTexts:
         return table[[self.row.get(text, self.size) for text in texts]]
 
 
-def controlled(source: Source, control: Control, known: Sequence[str]) -> Source:
+def controlled(source: EmbeddingSource, control: Control, known: Sequence[str]) -> EmbeddingSource:
     """What stands in for `source`, given the texts that training knows."""
     if control == "random":
         return RandomTexts(source.size)

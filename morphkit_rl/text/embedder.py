@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from morphkit_rl.text.baselines import Source
+from morphkit_rl.text.baselines import EmbeddingSource
 
 
 class TokenEmbedder:
@@ -22,12 +22,14 @@ class TokenEmbedder:
         components: (size, kept) matrix onto principal components; None keeps the standardised embeddings.
     """
 
-    def __init__(self, source: Source, mean: np.ndarray, std: np.ndarray, components: np.ndarray | None = None):
+    def __init__(
+        self, source: EmbeddingSource, mean: np.ndarray, std: np.ndarray, components: np.ndarray | None = None
+    ):
         self.source, self.mean, self.std, self.components = source, mean, std, components
 
     @classmethod
     def fit(
-        cls, source: Source, texts: Sequence[str], *, standardize: bool = True, components: int = 0
+        cls, source: EmbeddingSource, texts: Sequence[str], *, standardize: bool = True, components: int = 0
     ) -> TokenEmbedder:
         """Make the embedder for training texts.
 

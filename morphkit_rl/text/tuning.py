@@ -40,8 +40,6 @@ class TunedEncoder(nn.Module):
         super().__init__()
         if not isinstance(embedder.source, TextEncoder):
             raise ConfigError("text.tune = 'encoder' needs a text encoder, so text.control = 'none'")
-        if embedder.components is not None:
-            raise ConfigError("text.tune = 'encoder' needs whole embeddings, so text.components = 0")
         self.rows, self.known, self.pooling = _Rows(known), list(known), embedder.source.pooling
         tokenize, network = embedder.source.trainable()
         self.network = network
@@ -49,6 +47,9 @@ class TunedEncoder(nn.Module):
             self.register_buffer(f"input_{name}", values, persistent=False)
         self.register_buffer("mean", torch.from_numpy(embedder.mean), persistent=False)
         self.register_buffer("std", torch.from_numpy(embedder.std), persistent=False)
+        components = None if embedder.components is None else torch.from_numpy(embedder.components)
+        self.components: Tensor | None
+        self.register_buffer("components", components, persistent=False)
 
     def forward(self, layout: Layout) -> Tensor:
         """Embeddings of a layout's texts."""
@@ -60,7 +61,10 @@ class TunedEncoder(nn.Module):
         hidden = self.network(**inputs).last_hidden_state
         mask = inputs["attention_mask"][..., None].to(hidden.dtype)
         pooled = hidden[:, 0] if self.pooling == "cls" else (hidden * mask).sum(1) / mask.sum(1)
-        tuned = F.pad((pooled - self.mean) / self.std, (0, 0, 0, 1))[place]
+        embeddings = (pooled - self.mean) / self.std
+        if self.components is not None:
+            embeddings = embeddings @ self.components
+        tuned = F.pad(embeddings, (0, 0, 0, 1))[place]
         return torch.where((rows < len(self.known))[:, None], tuned, layout.embeddings)
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 from torch import Tensor
 
 from morphkit_rl.algorithms.agent import Agent
-from morphkit_rl.buffers.replay_buffer import Batch, sample
+from morphkit_rl.buffers.replay_buffer import Batch, Ring, sample
 from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.training.collector import Collector
 
@@ -72,18 +72,9 @@ class Sweeps:
             self._first[episode.robot, episode.env] = False
         losses: dict[str, Tensor] = {}
         if not warm_up:
-            for batch in self._batches():
+            for batch in batches(self.config, self.collector.rings, self.rng):
                 losses.update(self.agent.update(batch, self.rng))
         return losses
-
-    def _batches(self) -> Iterator[Batch]:
-        td3, updates = self.config.td3, self.config.trainer.updates_per_sweep
-        share = -(-td3.batch_size // len(self.collector.robots))
-        if self.config.learner.sample_ahead:
-            yield from sample(self.collector.rings, share * updates, td3.n_step, td3.discount, self.rng).split(updates)
-            return
-        for _ in range(updates):
-            yield sample(self.collector.rings, share, td3.n_step, td3.discount, self.rng)
 
     def state(self) -> dict[str, Any]:
         """Which environments are in their first episode."""
@@ -173,6 +164,17 @@ class Rounds:
             self.updates_left = self.updates_due.copy()
             self._counted = np.zeros_like(self._counted)
             self._over[:] = False
+
+
+def batches(config: TrainConfig, rings: Sequence[Ring], rng: np.random.Generator) -> Iterator[Batch]:
+    """Draw the batches of a sweep's updates."""
+    td3, updates = config.td3, config.trainer.updates_per_sweep
+    share = -(-td3.batch_size // len(rings))
+    if config.learner.sample_ahead:
+        yield from sample(rings, share * updates, td3.n_step, td3.discount, rng).split(updates)
+        return
+    for _ in range(updates):
+        yield sample(rings, share, td3.n_step, td3.discount, rng)
 
 
 def make_schedule(

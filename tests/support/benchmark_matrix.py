@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from morphkit_rl.benchmark import cells
-from morphkit_rl.benchmark.cells import Cell, Plan
+from morphkit_rl.benchmark.cells import Cell, MatrixPlan
 from morphkit_rl.benchmark.definition import load_benchmark
 from morphkit_rl.benchmark.planning import plan_matrix
 
@@ -30,7 +30,7 @@ def make_matrix(
     validate: bool = False,
     states: Mapping[tuple[str, str, int], str] | None = None,
     level: Level | None = None,
-) -> list[Plan]:
+) -> list[MatrixPlan]:
     """Write a matrix whose cells are done, but for those in `states` (task, method, seed).
 
     Curves rise to `level` (3000 by default), noisily; held-out robots get a third of it.
@@ -45,7 +45,7 @@ def make_matrix(
         validate=validate,
     )
     plans = [
-        Plan(
+        MatrixPlan(
             Cell(p.cell.split, p.cell.task, method, p.cell.seed), p.bodies, p.config, steps, None, p.episodes, validate
         )
         for p in plans
@@ -59,7 +59,7 @@ def make_matrix(
     return plans
 
 
-def write_cell(plan: Plan, folder: Path, state: str, level: float) -> None:
+def write_cell(plan: MatrixPlan, folder: Path, state: str, level: float) -> None:
     """Write what a cell in this state leaves in its folder."""
     if state == "not started":
         return
@@ -100,7 +100,7 @@ def write_cell(plan: Plan, folder: Path, state: str, level: float) -> None:
         (folder / cells.RESULT).write_text(json.dumps(result))
 
 
-def _metrics(plan: Plan, level: float, share: float, rng: np.random.Generator) -> list[dict[str, Any]]:
+def _metrics(plan: MatrixPlan, level: float, share: float, rng: np.random.Generator) -> list[dict[str, Any]]:
     experts = {each.name: each.info.expert_return for each in (*plan.bodies.train, *plan.bodies.validation)}
     budget = float(plan.steps or 1)
     rows = []

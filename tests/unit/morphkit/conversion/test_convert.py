@@ -14,7 +14,7 @@ import morphkit
 from morphkit.conversion.convert import Conversion, convert
 from morphkit.conversion.write import write_conversion
 from morphkit.errors import AssetError
-from morphkit.simulation.build import build
+from morphkit.simulation.build import build_simulation
 from morphkit.simulation.mesh_files import load_mesh
 from tests.support.everything_urdf import EVERYTHING
 
@@ -151,7 +151,7 @@ def test_meshes_of_mujoco_are_read(tmp_path: Path) -> None:
 
 def test_converted_robot_simulates_like_the_urdf(tmp_path: Path) -> None:
     write_conversion(convert(morphkit.load("quadruped"), base="free"), tmp_path / "quadruped.xml")
-    ours, theirs = (build(morphkit.load(each)) for each in (tmp_path / "quadruped.xml", "quadruped"))
+    ours, theirs = (build_simulation(morphkit.load(each)) for each in (tmp_path / "quadruped.xml", "quadruped"))
     assert [token.name for token in ours.tokens.sensors] == [token.name for token in theirs.tokens.sensors]
     for array in (
         "qpos0",

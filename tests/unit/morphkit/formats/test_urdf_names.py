@@ -9,7 +9,7 @@ from morphkit.conversion.convert import convert
 from morphkit.description import Description
 from morphkit.errors import DescriptionError
 from morphkit.readers import read
-from morphkit.simulation.build import build
+from morphkit.simulation.build import build_simulation
 from morphkit.tokens.spec import token_spec
 from tests.support.nameless_robots import names
 
@@ -73,7 +73,7 @@ def test_cuts_leave_shared_names_as_they_stand(limb: str) -> None:
 
 
 def test_a_urdf_with_shared_names_can_be_simulated_and_converted() -> None:
-    model = build(urdf()).model
+    model = build_simulation(urdf()).model
     assert [model.joint(i).name for i in range(model.njnt)] == ["hip", "hip_2", "toe_joint"]
     assert [actuator.name for actuator in convert(urdf()).spec.actuators] == ["hip", "hip_2", "toe_joint"]
     other = (

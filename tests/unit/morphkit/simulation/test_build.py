@@ -10,7 +10,7 @@ import trimesh
 from morphkit.description import Description
 from morphkit.errors import AssetError, ConfigError, DescriptionError
 from morphkit.registry import load, shipped
-from morphkit.simulation.build import Simulation, build, compile_plain
+from morphkit.simulation.build import Simulation, build_simulation, compile_plain
 from morphkit.simulation.completion import FLOOR_NAME
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -49,7 +49,7 @@ def lowest_of_compiled(simulation: Simulation) -> float:
 
 @pytest.mark.parametrize("base", ["planar", "free"])
 def test_urdf_gets_floor_base_and_motors(base: str) -> None:
-    simulation = build(urdf(), base=base)
+    simulation = build_simulation(urdf(), base=base)
     model = simulation.model
     joints = [model.joint(j).name for j in range(model.njnt)]
     assert joints == (["root_x", "root_z", "root_y"] if base == "planar" else ["root_free"]) + ["hip"]
@@ -63,7 +63,7 @@ def test_urdf_gets_floor_base_and_motors(base: str) -> None:
 
 
 def test_motor_torque_is_the_control() -> None:
-    simulation = build(urdf(), base="fixed")
+    simulation = build_simulation(urdf(), base="fixed")
     data = mujoco.MjData(simulation.model)
     data.ctrl[:] = 7.0
     mujoco.mj_forward(simulation.model, data)
@@ -71,7 +71,7 @@ def test_motor_torque_is_the_control() -> None:
 
 
 def test_planar_base_moves_along_the_world_whatever_the_root_frame() -> None:
-    simulation = build(mjcf('<body name="a" euler="20 30 40"><geom size=".1"/></body>'), base="planar")
+    simulation = build_simulation(mjcf('<body name="a" euler="20 30 40"><geom size=".1"/></body>'), base="planar")
     data = mujoco.MjData(simulation.model)
     start = simulation.model.qpos0.copy()
     data.qpos[:] = start + np.array([0.3, 0.2, 0.0])
@@ -100,7 +100,9 @@ def test_planar_base_moves_along_the_world_whatever_the_root_frame() -> None:
 )
 def test_any_geom_starts_one_centimetre_above_the_floor(geom: str) -> None:
     mesh = '<asset><mesh name="wedge" vertex="0 0 0  .5 0 0  0 .4 0  0 0 .3"/></asset>'
-    simulation = build(mjcf(f'<body name="a" pos="0 0 -3"><geom pos=".1 .2 .3" {geom}/></body>', mesh), base="free")
+    simulation = build_simulation(
+        mjcf(f'<body name="a" pos="0 0 -3"><geom pos=".1 .2 .3" {geom}/></body>', mesh), base="free"
+    )
     assert lowest_of_compiled(simulation) == pytest.approx(0.01, abs=1e-5)
 
 
@@ -108,7 +110,7 @@ def test_any_geom_starts_one_centimetre_above_the_floor(geom: str) -> None:
 def test_a_root_within_a_turned_frame_starts_at_the_floor_and_leaves_what_else_is_there(base: str) -> None:
     body = '<body name="a" pos="0 0 1" euler="0 0 40"><geom type="box" size=".1 .2 .3"/></body>'
     source = mjcf(f'<frame pos="1 2 3" euler="90 0 20">{body}<site name="mark" pos="1 1 1"/></frame>')
-    plain, simulation = compile_plain(source), build(source, base=base)
+    plain, simulation = compile_plain(source), build_simulation(source, base=base)
     assert lowest_of_compiled(simulation) == pytest.approx(0.01, abs=1e-6)
     np.testing.assert_allclose(simulation.model.body("a").quat, plain.body("a").quat, atol=1e-12)
     np.testing.assert_allclose(simulation.model.body("a").pos[:2], plain.body("a").pos[:2], atol=1e-12)
@@ -119,15 +121,15 @@ def test_a_root_within_a_turned_frame_starts_at_the_floor_and_leaves_what_else_i
 @pytest.mark.parametrize("joints", ["<freejoint/>", PLANAR], ids=["free", "planar"])
 def test_a_robot_on_a_base_of_its_own_does_not_start_within_a_floor_that_was_added(joints: str) -> None:
     body = f'<body name="a" pos="0 0 {{}}">{joints}<geom type="box" size=".1 .2 .3"/></body>'
-    sunken, above = (build(mjcf(body.format(height))) for height in (0.1, 0.5))
+    sunken, above = (build_simulation(mjcf(body.format(height))) for height in (0.1, 0.5))
     assert lowest_of_compiled(sunken) == pytest.approx(0.01, abs=1e-6)
     assert lowest_of_compiled(above) == pytest.approx(0.2, abs=1e-6)
-    own_floor = build(mjcf(f'<geom type="plane" size="1 1 1" pos="0 0 -1"/>{body.format(0.1)}'))
+    own_floor = build_simulation(mjcf(f'<geom type="plane" size="1 1 1" pos="0 0 -1"/>{body.format(0.1)}'))
     assert own_floor.model.body("a").pos[2] == 0.1
 
 
 def test_own_base_and_floor_are_kept() -> None:
-    simulation = build(load("cheetah"))
+    simulation = build_simulation(load("cheetah"))
     plain = compile_plain(load("cheetah"))
     assert simulation.notes == ()
     np.testing.assert_array_equal(simulation.model.geom_pos, plain.geom_pos)
@@ -138,7 +140,7 @@ def test_own_base_and_floor_are_kept() -> None:
 
 def test_a_base_that_contradicts_the_file_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"cheetah\.xml: base 'free' was asked for, but .*'torso' make it planar"):
-        build(load("cheetah"), base="free")
+        build_simulation(load("cheetah"), base="free")
 
 
 def test_a_base_that_slides_over_the_floor_is_refused() -> None:
@@ -146,11 +148,11 @@ def test_a_base_that_slides_over_the_floor_is_refused() -> None:
         ("east", "slide", "1 0 0"), ("north", "slide", "0 1 0"), ("yaw", "hinge", "0 0 1")
     ))  # fmt: skip
     with pytest.raises(DescriptionError, match="the root has east, north, yaw, along or about other axes"):
-        build(mjcf(f'<body name="cart" pos="0 0 1">{joints}<geom size=".1"/></body>'))
+        build_simulation(mjcf(f'<body name="cart" pos="0 0 1">{joints}<geom size=".1"/></body>'))
 
 
 def test_fixed_base_gets_a_floor_that_nothing_touches() -> None:
-    simulation = build(urdf(), base="fixed")
+    simulation = build_simulation(urdf(), base="fixed")
     assert simulation.model.geom(FLOOR_NAME).contype[0] == 0
     assert simulation.base_joints == ()
     assert simulation.model.njnt == 1
@@ -158,7 +160,7 @@ def test_fixed_base_gets_a_floor_that_nothing_touches() -> None:
 
 @pytest.mark.parametrize("description", shipped(), ids=lambda d: d.name)
 def test_sensors_come_last_and_match_forward(description: Description) -> None:
-    simulation = build(description)
+    simulation = build_simulation(description)
     model = simulation.model
     own = compile_plain(description).nsensordata
     size = simulation.limb_sensor.size
@@ -180,7 +182,7 @@ def test_sensors_come_last_and_match_forward(description: Description) -> None:
 
 def test_limbs_are_sensed_where_the_file_switches_sensors_off() -> None:
     body = '<body name="a" pos="0 0 2"><freejoint/><geom size=".1"/></body>'
-    blind = build(mjcf(body, '<option><flag sensor="disable"/></option>'))
+    blind = build_simulation(mjcf(body, '<option><flag sensor="disable"/></option>'))
     for model in (blind.model, blind.kinematics):
         data = mujoco.MjData(model)
         mujoco.mj_step(model, data)
@@ -189,7 +191,7 @@ def test_limbs_are_sensed_where_the_file_switches_sensors_off() -> None:
 
 @pytest.mark.parametrize("description", shipped(), ids=lambda d: d.name)
 def test_controls_are_in_token_order(description: Description) -> None:
-    simulation = build(description)
+    simulation = build_simulation(description)
     model = simulation.model
     for i, token in enumerate(simulation.tokens.actuators):
         if token.joint is not None:
@@ -202,7 +204,7 @@ def test_controls_are_in_token_order(description: Description) -> None:
 
 def test_missing_visual_mesh_is_left_out_with_a_note(tmp_path: Path) -> None:
     visual = '<visual><geometry><mesh filename="package://crab/skin.stl"/></geometry></visual>'
-    simulation = build(urdf(visual, folder=tmp_path), base="free")
+    simulation = build_simulation(urdf(visual, folder=tmp_path), base="free")
     assert any("package://crab/skin.stl" in note for note in simulation.notes)
     assert simulation.model.nmesh == 0
 
@@ -210,7 +212,7 @@ def test_missing_visual_mesh_is_left_out_with_a_note(tmp_path: Path) -> None:
 def test_missing_collision_mesh_is_named(tmp_path: Path) -> None:
     collision = '<collision><geometry><mesh filename="meshes/claw.stl"/></geometry></collision>'
     with pytest.raises(AssetError, match=r"crab\.urdf: mesh 'meshes/claw\.stl' is needed in simulation"):
-        build(urdf(collision, folder=tmp_path), base="free")
+        build_simulation(urdf(collision, folder=tmp_path), base="free")
 
 
 @pytest.mark.parametrize("suffix", ["stl", "ply"])
@@ -218,7 +220,7 @@ def test_collision_mesh_is_loaded_and_converted_where_mujoco_cannot_read_it(tmp_
     (tmp_path / "meshes").mkdir()
     trimesh.creation.box((0.2, 0.2, 1.4)).export(tmp_path / "meshes" / f"claw.{suffix}")
     collision = f'<collision><geometry><mesh filename="meshes/claw.{suffix}"/></geometry></collision>'
-    simulation = build(urdf(collision, folder=tmp_path), base="free")
+    simulation = build_simulation(urdf(collision, folder=tmp_path), base="free")
     assert simulation.model.nmesh == 1
     assert simulation.model.qpos0[2] == pytest.approx(0.71, abs=1e-5)
 
@@ -228,13 +230,13 @@ def test_two_meshes_of_one_file_name_stay_apart(tmp_path: Path) -> None:
         (tmp_path / folder).mkdir()
         trimesh.creation.box((size, size, size)).export(tmp_path / folder / "part.stl")
     pair = "".join(f'<collision><geometry><mesh filename="{f}/part.stl"/></geometry></collision>' for f in ("a", "b"))
-    model = build(urdf(pair, folder=tmp_path), base="free").model
+    model = build_simulation(urdf(pair, folder=tmp_path), base="free").model
     extents = sorted(float(np.ptp(model.mesh_vert[first : first + 8, 0])) for first in model.mesh_vertadr)
     np.testing.assert_allclose(extents, [0.2, 0.6], atol=1e-5)
 
 
 def test_urdf_links_collide_with_the_floor_only() -> None:
-    model = build(urdf(), base="free").model
+    model = build_simulation(urdf(), base="free").model
     floor = model.geom(FLOOR_NAME).id
     robot = [g for g in range(model.ngeom) if g != floor]
     assert all(model.geom_contype[g] & model.geom_conaffinity[floor] for g in robot)
@@ -244,10 +246,12 @@ def test_urdf_links_collide_with_the_floor_only() -> None:
 def test_what_mujoco_refuses_becomes_a_description_error() -> None:
     massless = mjcf('<body name="a"><geom size=".1"/><body name="b"><joint/></body></body>')
     with pytest.raises(DescriptionError, match=r"thing\.xml: MuJoCo cannot compile it: .*mass"):
-        build(massless, base="fixed")
+        build_simulation(massless, base="fixed")
 
 
 def test_unnamed_bodies_and_joints_work() -> None:
-    simulation = build(mjcf('<body><freejoint/><geom size=".1"/><body><joint/><geom size=".1"/></body></body>'))
+    simulation = build_simulation(
+        mjcf('<body><freejoint/><geom size=".1"/><body><joint/><geom size=".1"/></body></body>')
+    )
     assert simulation.base == "free"
     assert [len(joints) for joints in simulation.limb_joints] == [0, 1]

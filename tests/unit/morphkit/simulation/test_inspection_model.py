@@ -63,9 +63,9 @@ def test_masses_of_fixed_links_belong_to_the_limb() -> None:
 
 @pytest.mark.parametrize("name", ["cheetah", "arm"])
 def test_masses_agree_with_the_simulator(name: str) -> None:
-    from morphkit.simulation.build import build
+    from morphkit.simulation.build import build_simulation
 
-    model = build(load(name)).model
+    model = build_simulation(load(name)).model
     masses = limb_masses(load_mechanics(load(name), shapes=False))
     assert sum(mass.mass for mass in masses.values() if mass) == pytest.approx(model.body_mass.sum(), rel=1e-12)
 

@@ -12,7 +12,7 @@ import trimesh
 from morphkit.conversion.convert import convert
 from morphkit.description import Description
 from morphkit.errors import DescriptionError
-from morphkit.simulation.build import build
+from morphkit.simulation.build import build_simulation
 from morphkit.simulation.inspection_model import load_mechanics
 from morphkit.simulation.mesh_files import load_mesh, read_for_mujoco
 
@@ -37,7 +37,7 @@ def test_shapes_without_extent_go(tag: str, empty: str) -> None:
     conversion = convert(robot, floor=False)
     assert [geom.type for geom in conversion.spec.geoms] == [mujoco.mjtGeom.mjGEOM_SPHERE]
     assert any(f"{tag} of link 'base' has no extent" in note for note in conversion.notes)
-    build(robot)
+    build_simulation(robot)
     assert any("no extent" in note for note in load_mechanics(robot).notes)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from morphkit.errors import ConfigError, UnknownNameError
 from morphkit.registry import load
-from morphkit.simulation.build import build
+from morphkit.simulation.build import build_simulation
 from morphkit.tokens.quantities import quantity_names
 from morphkit.tokens.selection import take_quantities
 from morphkit.tokens.spec import TokenSpec, token_spec
@@ -16,7 +16,7 @@ from morphkit_rl.envs.batch_env import BatchEnv
 from morphkit_rl.envs.robot import prepare
 from morphkit_rl.envs.selection import sensor_columns
 
-CHEETAH, ARM = build(load("cheetah_3_balanced")), build(load("arm"))
+CHEETAH, ARM = build_simulation(load("cheetah_3_balanced")), build_simulation(load("arm"))
 
 
 def names(spec: TokenSpec) -> list[str]:
@@ -92,7 +92,7 @@ def test_specifications_of_other_robots_and_orders_are_refused() -> None:
     turned = replace(CHEETAH.tokens, sensors=CHEETAH.tokens.sensors[::-1])
     with pytest.raises(ConfigError, match="another order"):
         sensor_columns(turned, CHEETAH.tokens)
-    larger = token_spec(build(load("cheetah_4_back")).morphology)
+    larger = token_spec(build_simulation(load("cheetah_4_back")).morphology)
     with pytest.raises(ConfigError, match="there are 0 tokens like 'bshin_position_x'"):
         sensor_columns(replace(larger, actuators=CHEETAH.tokens.actuators), CHEETAH.tokens)
 

@@ -14,13 +14,13 @@ import pytest
 from morphkit.errors import DependencyError
 from morphkit.registry import load
 from morphkit.viewer.web import HOST, BrowserViewer
-from morphkit.viewer.web_markdown import fenced, plain
+from morphkit.viewer.web_markdown import fenced, plain_text
 from morphkit.viewer.web_origins import own_pages_only
 
 
 @pytest.mark.parametrize("name", ["{alert(1)}", "<b>x</b>", "a_b*c", "[x](http://y)", "`x`", "a\n# b"])
 def test_names_stay_text_in_markdown(name: str) -> None:
-    text = plain(name)
+    text = plain_text(name)
     assert "\n" not in text
     assert not re.search(r"(?<!\\)[`*_{}\[\]<>#]", text)
     assert text.replace("\\", "") == " ".join(name.split())

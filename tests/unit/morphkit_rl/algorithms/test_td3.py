@@ -134,6 +134,14 @@ def test_saturation_penalty_is_added_to_the_actors_loss_and_pulls_it_back(layout
     assert sizes[10.0] < 0.5 * sizes[0.0]
 
 
+def test_a_margin_leaves_moderate_actions_alone_and_pulls_back_the_rest() -> None:
+    action = torch.tanh(torch.tensor([-3.0, -1.9, 0.0, 1.0, 2.5], dtype=torch.float64)).requires_grad_()
+    penalty = saturation(action, 2.0)
+    torch.testing.assert_close(penalty.item(), (1.0 + 0.25) / 5)
+    (gradient,) = torch.autograd.grad(penalty, action)
+    assert gradient.sign().tolist() == [-1, 0, 0, 0, 1]
+
+
 def with_options(layout: Layout, config: TD3Config, **options: object) -> TD3:
     torch.manual_seed(0)
     options = {"critic": "perceptron", "critic_width": 16, "critic_layers": 1, **options}

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from morphkit.registry import load
-from morphkit.simulation.build import Simulation, build, compile_plain
+from morphkit.simulation.build import Simulation, build_simulation, compile_plain
 from morphkit_rl.envs.batch_env import BatchEnv
 from morphkit_rl.envs.tasks import task_for
 
@@ -32,7 +32,7 @@ ENVS = 2
 
 @cache
 def simulation(body: str) -> Simulation:
-    return build(load(body))
+    return build_simulation(load(body))
 
 
 @cache
@@ -147,7 +147,7 @@ def test_body_follows_the_rules(body: str) -> None:
 def test_episode_ends_at_the_height_itself(body: str) -> None:
     """Without gravity and contacts a resting robot stays where it is, to the last bit."""
     own = simulation(body)
-    still = build(load(body))
+    still = build_simulation(load(body))
     still.model.opt.gravity[:] = 0
     still.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     low, high = BODIES[body]["healthy_height_m"]

@@ -10,7 +10,7 @@ import pytest
 
 from morphkit.errors import ConfigError, UnknownNameError
 from morphkit.registry import load, recipes
-from morphkit_rl.benchmark.bodies import draw, gather, unseen_limbs
+from morphkit_rl.benchmark.bodies import draw, gather_bodies, unseen_limbs
 from morphkit_rl.benchmark.definition import Benchmark, load_benchmark
 from morphkit_rl.benchmark.published import OVERALL, published_returns, published_steps
 
@@ -66,7 +66,7 @@ def test_published_returns_equal_the_reference() -> None:
 
 
 def test_a_task_of_several_groups_has_the_robots_of_all(benchmark: Benchmark) -> None:
-    bodies = gather(benchmark, "walker_humanoids_hopper", "1")
+    bodies = gather_bodies(benchmark, "walker_humanoids_hopper", "1")
     assert len(bodies.train) == 4 + 6 + 3
     assert [each.name for each in bodies.test] == [
         *("walker_3_main", "walker_6_main", "humanoid_2d_7_left_leg", "humanoid_2d_8_right_knee")
@@ -75,14 +75,14 @@ def test_a_task_of_several_groups_has_the_robots_of_all(benchmark: Benchmark) ->
 
 
 def test_validation_is_drawn_from_the_training_robots_and_the_same_in_every_task(benchmark: Benchmark) -> None:
-    plain = gather(benchmark, "walker_humanoids_hopper", "1")
-    bodies = gather(benchmark, "walker_humanoids_hopper", "1", validate=True)
+    plain = gather_bodies(benchmark, "walker_humanoids_hopper", "1")
+    bodies = gather_bodies(benchmark, "walker_humanoids_hopper", "1", validate=True)
     validation = {each.name for each in bodies.validation}
     assert len(validation) == 1 + 2 + 1, "a quarter of each group, at least one"
     assert {each.name for each in bodies.train} | validation == {each.name for each in plain.train}
     assert not validation & {each.name for each in (*bodies.train, *bodies.test)}
-    assert {each.name for each in gather(benchmark, "walkers", "1", validate=True).validation} < validation
-    assert gather(benchmark, "walker_humanoids_hopper", "1", validate=True).validation == bodies.validation
+    assert {each.name for each in gather_bodies(benchmark, "walkers", "1", validate=True).validation} < validation
+    assert gather_bodies(benchmark, "walker_humanoids_hopper", "1", validate=True).validation == bodies.validation
 
 
 def test_a_draw_depends_on_names_and_key_only() -> None:
@@ -119,24 +119,24 @@ def test_a_file_of_ones_own_adds_tasks_and_splits(tmp_path: Path) -> None:
     assert {"cheetahs", "jumpers", "mixed"} < set(own.tasks)
     assert own.splits["1"] == load_benchmark().splits["1"]
     assert own.tasks_of("mine") == ("hoppers", "jumpers", "mixed")
-    bodies = gather(own, "mixed", "mine")
+    bodies = gather_bodies(own, "mixed", "mine")
     assert [each.name for each in bodies.train] == ["stick", "hopper_4"]
     assert [each.name for each in bodies.test] == ["walker_2_main"]
     with pytest.raises(UnknownNameError, match="split 'mine' has no cheetahs"):
-        gather(own, "cheetahs", "mine")
+        gather_bodies(own, "cheetahs", "mine")
     with pytest.raises(ConfigError, match="too few training robots"):
-        gather(own, "jumpers", "mine", validate=True)
+        gather_bodies(own, "jumpers", "mine", validate=True)
 
 
 def test_a_body_on_both_sides_under_two_names_is_found(tmp_path: Path) -> None:
     (tmp_path / "copy.xml").write_bytes(load("hopper_3").source)
     path = write(tmp_path, "[splits.mine.hoppers]\ntrain = ['hopper_3']\ntest = ['copy.xml']\n")
     with pytest.raises(ConfigError, match="'copy' is held out, but trained on under the name 'hopper_3'"):
-        gather(load_benchmark(path), "hoppers", "mine")
+        gather_bodies(load_benchmark(path), "hoppers", "mine")
     (tmp_path / "hopper_3.xml").write_bytes(load("hopper_4").source)
     path = write(tmp_path, "[splits.mine.hoppers]\ntrain = ['hopper_3', 'hopper_3.xml']\n")
     with pytest.raises(ConfigError, match="two robots are called 'hopper_3'"):
-        gather(load_benchmark(path), "hoppers", "mine")
+        gather_bodies(load_benchmark(path), "hoppers", "mine")
 
 
 @pytest.mark.parametrize(
@@ -167,14 +167,14 @@ def test_mistakes_in_a_file_are_named(tmp_path: Path, text: str, message: str) -
 
 def test_unknown_names_are_answered_with_the_nearest(benchmark: Benchmark, tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match="no task 'cheetah'; did you mean 'cheetahs'"):
-        gather(benchmark, "cheetah", "1")
+        gather_bodies(benchmark, "cheetah", "1")
     with pytest.raises(UnknownNameError, match="no split '4'; splits: 1, 2, 3"):
-        gather(benchmark, "cheetahs", "4")
+        gather_bodies(benchmark, "cheetahs", "4")
     with pytest.raises(ConfigError, match="cannot be read: No such file"):
         load_benchmark(tmp_path / "none.toml")
     path = write(tmp_path, "[splits.mine.cheetahs]\ntrain = ['cheetah_3_bak']\n")
     with pytest.raises(UnknownNameError, match="did you mean 'cheetah_3_back'"):
-        gather(load_benchmark(path), "cheetahs", "mine")
+        gather_bodies(load_benchmark(path), "cheetahs", "mine")
 
 
 def test_the_docs_show_the_tables_that_the_sets_give(benchmark: Benchmark) -> None:

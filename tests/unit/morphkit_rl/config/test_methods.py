@@ -40,7 +40,7 @@ def build(settings, embedding_size, vocabulary):
 
 
 METHOD = Method(
-    "wide", "Limb-Former by another name", "actuators", WideSettings, build, limb_former.check, color="#123456"
+    "wide", "Limb-Former by another name", "actuators", WideSettings, build, limb_former.check_robot, color="#123456"
 )
 ODD = "no method"
 '''

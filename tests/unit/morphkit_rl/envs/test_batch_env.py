@@ -12,7 +12,7 @@ import pytest
 from morphkit.ablation.ablate import Cutter, Variant
 from morphkit.description import Description
 from morphkit.errors import DescriptionError
-from morphkit.families.build import FailedVariant, MirroredVariant, check, compile_problem, make
+from morphkit.families.build import FailedVariant, MirroredVariant, check_variant, compile_problem, make
 from morphkit.families.enumeration import Planned, plan_family, sub_morphologies
 from morphkit.families.manifest import read_manifest
 from morphkit.families.write import write_family
@@ -109,9 +109,9 @@ def test_check_and_problem():
     cheetah = load("cheetah")
     assert compile_problem(cheetah) == ""
     variant = next(sub_morphologies(cheetah))
-    assert check(variant) is variant
+    assert check_variant(variant) is variant
     broken = replace(variant, description=Description("r", "r.urdf", "urdf", BROKEN))
-    failed = check(broken)
+    failed = check_variant(broken)
     assert isinstance(failed, FailedVariant)
     assert "mass and inertia" in failed.reason
 

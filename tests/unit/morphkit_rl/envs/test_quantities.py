@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from morphkit.registry import load
-from morphkit.simulation.build import build
+from morphkit.simulation.build import build_simulation
 from morphkit.tokens import quantities
-from morphkit.tokens.quantities import LIMB_QUANTITIES, LimbQuantity, numbers_per_limb, quantity_names, sensor_columns
+from morphkit.tokens.quantities import LIMB_QUANTITIES, LimbQuantity, numbers_per_limb, quantity_columns, quantity_names
 from morphkit_rl.envs.batch_env import BatchEnv
 from morphkit_rl.envs.tasks import task_for
 
@@ -18,11 +18,11 @@ UPRIGHT = LimbQuantity("upright", "xyz", "1", "world", sensor="framezaxis", widt
 
 def test_columns_follow_one_another() -> None:
     assert numbers_per_limb() == 13
-    assert sensor_columns("position") == slice(0, 3)
-    assert sensor_columns("exponential_map") == slice(9, 13)
+    assert quantity_columns("position") == slice(0, 3)
+    assert quantity_columns("exponential_map") == slice(9, 13)
     assert quantity_names()[-4:] == ("type", "angle", "joint_range_low", "joint_range_high")
     with pytest.raises(KeyError):
-        sensor_columns("type")
+        quantity_columns("type")
 
 
 @pytest.mark.parametrize("place", [0, 2, len(LIMB_QUANTITIES)])
@@ -31,7 +31,7 @@ def test_an_entry_gives_tokens_sensors_and_observations(
     monkeypatch: pytest.MonkeyPatch, robot: str, place: int
 ) -> None:
     def rollout() -> tuple[BatchEnv, np.ndarray, list[np.ndarray]]:
-        simulation = build(load(robot), base="free" if robot == "quadruped" else None)
+        simulation = build_simulation(load(robot), base="free" if robot == "quadruped" else None)
         env = BatchEnv([simulation], [task_for(simulation)], 2, seed=3, num_threads=1)
         env.reset()
         results = [env.step([np.full((2, len(simulation.tokens.actuators)), 0.3)]) for _ in range(5)]

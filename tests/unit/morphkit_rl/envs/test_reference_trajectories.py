@@ -17,7 +17,7 @@ import pytest
 
 import morphkit_rl  # noqa: F401  (registers the ids)
 from morphkit.registry import load
-from morphkit.simulation.build import Simulation, build
+from morphkit.simulation.build import Simulation, build_simulation
 from morphkit_rl.envs.batch_env import BatchEnv
 from morphkit_rl.envs.tasks import task_for
 
@@ -29,7 +29,7 @@ PROBES = ("start", "probe", "fast_probe", "turned_probe")
 
 @cache
 def simulation(robot: str) -> Simulation:
-    return build(load(robot))
+    return build_simulation(load(robot))
 
 
 def reference(robot: str, *keys: str) -> np.ndarray:

@@ -10,7 +10,7 @@ import pytest
 from morphkit.description import Description, RobotInfo
 from morphkit.errors import ConfigError, UnknownNameError
 from morphkit.registry import load
-from morphkit.simulation.build import Simulation, build
+from morphkit.simulation.build import Simulation, build_simulation
 from morphkit_rl.envs.batch_env import BatchEnv
 from morphkit_rl.envs.reward import tilt
 from morphkit_rl.envs.tasks import TASKS, Task, task_for
@@ -22,7 +22,7 @@ def body(base: str | None = None, **info) -> Simulation:
       <body name="arm" pos=".1 0 0"><joint name="j" axis="0 1 0"/><geom type="box" size=".15 .02 .02" pos=".15 0 0"/>
       </body></body></worldbody>
       <actuator><motor joint="j" ctrlrange="-40 20" ctrllimited="true"/></actuator></mujoco>"""
-    return build(Description("body", "body.xml", "mjcf", source, info=RobotInfo(**info)), base=base)
+    return build_simulation(Description("body", "body.xml", "mjcf", source, info=RobotInfo(**info)), base=base)
 
 
 def one_step(simulation: Simulation, task: Task, action: float, qpos: np.ndarray, qvel: np.ndarray | None = None):
@@ -45,7 +45,7 @@ def one_step(simulation: Simulation, task: Task, action: float, qpos: np.ndarray
     ],
 )
 def test_benchmark_robots_have_their_task(robot: str, task: str, healthy: tuple[float, float] | None) -> None:
-    chosen = task_for(build(load(robot)))
+    chosen = task_for(build_simulation(load(robot)))
     assert (chosen.name, chosen.healthy_height, chosen.frame_skip) == (task, healthy, 4)
 
 
@@ -91,7 +91,7 @@ def test_a_root_frame_at_the_ground_or_below_it_can_be_healthy(base: str, ground
     source = f"""<mujoco><worldbody><geom type="plane" size="5 5 1" pos="0 0 {ground}"/>
       <body name="box" pos="0 0 {ground + frame}">{ROOT_JOINTS[base]}
       <geom type="box" size=".1 .1 .1" pos="0 0 {0.1 - frame}"/></body></worldbody></mujoco>"""
-    simulation = build(Description("box", "box.xml", "mjcf", source.encode()))
+    simulation = build_simulation(Description("box", "box.xml", "mjcf", source.encode()))
     task = task_for(simulation, "locomotion")
     start = ground + frame
     assert task.healthy_height == pytest.approx((start - 0.6 * 0.1, start + 0.1))
@@ -101,7 +101,7 @@ def test_a_root_frame_at_the_ground_or_below_it_can_be_healthy(base: str, ground
 
 
 def test_world_height_of_a_planar_base_without_ref() -> None:
-    cheetah = build(load("cheetah"))
+    cheetah = build_simulation(load("cheetah"))
     cheetah.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     task = task_for(cheetah, "locomotion")
     assert task.healthy_height == pytest.approx((0.28, 1.4))
@@ -180,7 +180,7 @@ def test_turning_about_the_vertical_is_no_tilt() -> None:
 
 
 def test_hopper_ends_where_any_other_state_is_large() -> None:
-    hopper = build(load("hopper"))
+    hopper = build_simulation(load("hopper"))
     task = replace(TASKS["hopper"], healthy_height=None, healthy_pitch=None)
     env = BatchEnv([hopper], [task], 4, autoreset=False)
     qpos, qvel = np.tile(hopper.model.qpos0, (4, 1)), np.zeros((4, hopper.model.nv))
@@ -197,7 +197,7 @@ def test_fingers_start_within_their_travel() -> None:
       <body name="finger"><joint type="slide" axis="0 1 0" range="0 .04"/><geom size=".01"/></body>
       <body name="rail"><joint type="slide" axis="0 1 0"/><geom size=".01"/></body>
       <body name="wrist"><joint axis="0 1 0" range="0 2"/><geom size=".01"/></body></body></worldbody></mujoco>"""
-    simulation = build(Description("hand", "hand.xml", "mjcf", source))
+    simulation = build_simulation(Description("hand", "hand.xml", "mjcf", source))
     env = BatchEnv([simulation], [task_for(simulation, "raise")], 100)
     env.reset()
     finger, rail, wrist = env.state(0)[0].T

@@ -8,6 +8,7 @@ import os
 import select
 import subprocess
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +17,16 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from morphkit_rl.kernels import library
+from morphkit_rl.kernels import actuator_heads, library
+from morphkit_rl.kernels.limb_layer import Kinship
+from morphkit_rl.models.blocks import MemberLinear, TransformerLayer, set_precision
+from morphkit_rl.models.layout import Layout
+from morphkit_rl.models.limb_former import LimbEncoder
+from morphkit_rl.models.perceptron_critic import PerceptronCritic
 from morphkit_rl.models.smp import MLP, Widths
 from morphkit_rl.models.transformer import EncoderLayer, Norm, read_tokens
+from morphkit_rl.models.vocabulary import Vocabulary
+from tests.support.networks import ROBOTS, SIZE, layout_of, rows, spec
 from tests.support.published_networks import assert_same_networks, random_parents
 
 ERRORS = {torch.float32: 2e-6, torch.bfloat16: 0.1}
@@ -148,6 +156,143 @@ def test_perceptrons(
     network.precision, double.precision = precision, torch.float64
     x = torch.randn(1 if shared else members, rows, inputs)
     assert_exact("_MLP", network, double, lambda own, x: own(x.expand(members, -1, -1)), [x], precision)
+
+
+@compiled
+@pytest.mark.parametrize(
+    ("members", "batch", "robots", "d_model", "heads", "hidden"),
+    [(1, 20, (7, 2, 5), 64, 2, 128), (2, 5, (13, 1), 64, 4, 48), (1, 1, (2,), 16, 1, 16), (2, 2, (40, 3), 48, 3, 80)],
+)
+def test_limb_layers(
+    members: int, batch: int, robots: tuple[int, ...], d_model: int, heads: int, hidden: int, precision: torch.dtype,
+    threads: int,
+) -> None:  # fmt: skip
+    torch.manual_seed(0)
+    layer, double = (LimbLayer(members, d_model, heads, hidden, robots) for _ in range(2))
+    x = torch.randn(members, batch, sum(robots), d_model).to(precision)
+    assert_exact("_LimbLayer", layer, double, lambda own, x: own(x), [x], precision)
+
+
+class LimbLayer(nn.Module):
+    """A layer over limbs of several robots, with a bias for each kind of kinship."""
+
+    def __init__(self, members: int, d_model: int, heads: int, hidden: int, robots: tuple[int, ...]):
+        super().__init__()
+        self.layer = TransformerLayer(members, d_model, heads, hidden)
+        self.bias = nn.Parameter(torch.zeros(members, heads, 4))
+        self.robots, limbs = spans(robots), sum(robots)
+        self.relation = torch.arange(limbs * limbs).view(limbs, limbs) * 7 % 4
+        self.kinship = Kinship.of(self.relation, self.robots)
+
+    def forward(self, x: Tensor) -> Tensor:
+        if self.layer.suits_kernel(x):
+            return self.layer.mix_kin(x, self.kinship, self.bias)
+        parts = [
+            self.layer(x[:, :, s].contiguous(), self.bias[..., self.relation[s, s]].unsqueeze(1)) for s in self.robots
+        ]
+        return torch.cat(parts, 2)
+
+
+class LimbTokens(nn.Module):
+    """Tokens of a layout's limbs, from vectors and names that are parameters."""
+
+    def __init__(self, members: int, layout: Layout, d_model: int, precision: torch.dtype):
+        super().__init__()
+        self.encoder = LimbEncoder(members, SIZE, d_model, 1, 1, 16)
+        self.layout = layout
+        set_precision(self.encoder, precision)
+
+    def forward(self, row: Tensor) -> Tensor:
+        embeddings, limbs = (x.to(row.dtype) for x in (self.layout.embeddings, self.layout.limb_embeddings))
+        layout = replace(self.layout, embeddings=embeddings, limb_embeddings=limbs)
+        return self.encoder._tokens(row, self.encoder.read_names(layout.observation, layout))
+
+
+@compiled
+@pytest.mark.parametrize(
+    ("robots", "members", "batch", "d_model"), [(("hopper", "cheetah_4_back"), 2, 22, 64), (("hopper_3",), 1, 1, 16)]
+)
+def test_limb_tokens(
+    robots: tuple[str, ...], members: int, batch: int, d_model: int, precision: torch.dtype, threads: int
+) -> None:
+    layout = layout_of("limb-former", *robots)
+    row, _ = rows(layout, batch)
+    found = []
+    for dtype, own in ((torch.float32, precision), (torch.float64, torch.float64)):
+        torch.manual_seed(0)
+        network = LimbTokens(members, layout, d_model, own).to(dtype)
+        out = network(row.to(dtype))
+        assert (out.grad_fn.name() == "_LimbTokensBackward") is (dtype == torch.float32)
+        weight = torch.arange(out.numel()).sin().view(out.shape)
+        used = [*network.encoder.value.parameters(), *network.encoder.name.parameters()]
+        found.append([out, *torch.autograd.grad(out, used, weight.to(out.dtype))])
+        with torch.no_grad():
+            torch.testing.assert_close(network(row.to(dtype)), out, atol=0, rtol=0)
+    for one, exact in zip(*found, strict=True):
+        assert (one - exact).norm() <= ERRORS[precision] * exact.norm()
+
+
+class Heads(nn.Module):
+    """What turns limb tokens into actions."""
+
+    def __init__(self, limb: Tensor, d_model: int):
+        super().__init__()
+        self.limb = limb
+        self.read, self.head = MemberLinear(1, d_model, d_model), MemberLinear(1, d_model, 1, gain=0.3)
+        self.names = nn.Parameter(0.3 * torch.randn(len(limb), d_model))
+
+    def forward(self, x: Tensor) -> Tensor:
+        parts = (*self.read.parameters(), self.names[None], *self.head.parameters())
+        if actuator_heads.available(x):
+            return actuator_heads.actuator_heads(x, self.limb, [part[0] for part in parts])
+        own = torch.nn.functional.layer_norm(x, x.shape[-1:])[:, self.limb]
+        read = self.read(own.reshape(1, -1, own.shape[-1])).view(own.shape)
+        hidden = (read + self.names).relu()
+        return torch.tanh(self.head(hidden.view(1, -1, own.shape[-1])).view(own.shape[:2]))
+
+
+@compiled
+@pytest.mark.parametrize(
+    ("batch", "limbs", "limb", "d_model"), [(22, 9, (1, 3, 3, 8, 0), 64), (3, 1, (0,), 16), (3, 4, (2, 1) * 80, 48)]
+)
+def test_actuator_heads(
+    batch: int, limbs: int, limb: tuple[int, ...], d_model: int, precision: torch.dtype, threads: int
+) -> None:
+    torch.manual_seed(0)
+    network, double = (Heads(torch.tensor(limb), d_model) for _ in range(2))
+    x = torch.randn(batch, limbs, d_model).to(precision)
+    assert_exact("_ActuatorHeads", network, double, lambda own, x: own(x), [x], precision)
+
+
+@compiled
+@pytest.mark.parametrize(
+    ("robots", "batch", "width", "layers", "atoms"),
+    [(("hopper", "cheetah_4_back", "hopper_3"), 80, 64, 2, 101), (("cheetah_4_back",), 1, 16, 1, 7),
+     (("hopper_3", "hopper"), 7, 48, 3, 16)],
+)  # fmt: skip
+def test_perceptron_critics(
+    robots: tuple[str, ...], batch: int, width: int, layers: int, atoms: int, precision: torch.dtype, threads: int
+) -> None:
+    torch.manual_seed(0)
+    layout = layout_of("limb-former", *robots)
+    vocabulary = Vocabulary.of([spec(name) for name in ROBOTS])
+    critic, double = (PerceptronCritic(vocabulary, width, layers, atoms) for _ in range(2))
+    critic.precision, double.precision = precision, torch.float64
+    assert_exact("_Critic", critic, double, lambda own, *rows: own(*rows, layout), list(rows(layout, batch)), precision)
+
+
+@compiled
+def test_critics_that_are_held_fixed_pass_the_actions_gradient_on() -> None:
+    torch.manual_seed(0)
+    layout = layout_of("limb-former", *ROBOTS)
+    critic = PerceptronCritic(Vocabulary.of(layout.specs), 32, 2, 5)
+    obs, action = rows(layout)
+    action.requires_grad_()
+    (whole,) = torch.autograd.grad(critic(obs, action, layout).sin().sum(), action)
+    critic.requires_grad_(False)
+    (alone,) = torch.autograd.grad(critic(obs, action, layout).sin().sum(), action)
+    assert whole.abs().min() > 0
+    assert torch.equal(whole, alone)
 
 
 @compiled

@@ -54,7 +54,7 @@ def assert_same(one: Session, other: Session) -> None:
 
 
 def test_first_episodes_of_a_robot_that_never_falls_end_spread_over_the_episode_length() -> None:
-    one = session("arm", overrides=("trainer.start_steps=1000000",))
+    one = session("arm", overrides=("trainer.start_steps=1000000", "trainer.num_envs=8"))
     reported = []
     for sweep in range(1, 2001):
         one.schedule.advance()

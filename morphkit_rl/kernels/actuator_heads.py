@@ -1,0 +1,69 @@
+"""Actions from limb tokens as one compiled operation; `actuator_heads.cpp` shows its equations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from morphkit_rl.kernels.library import STEP, ThreadGradients, function, integers, pointer, pointers, takes
+
+
+def available(x: Tensor) -> bool:
+    """Whether the kernel can do what `actuator_heads` is asked for."""
+    return x.shape[-1] % STEP == 0 and takes(x, "heads_forward")
+
+
+def actuator_heads(x: Tensor, limb: Tensor, parameters: Sequence[Tensor]) -> Tensor:
+    """Actions in [-1, 1].
+
+    Args:
+        x: (batch, limbs, d_model) tokens, float32 or bfloat16, which is how precise factors are.
+        limb: (actions,) int64 limb that each action reads.
+        parameters: Weight (d_model, d_model) and bias that read a token, vectors (actions, d_model), weight
+            (d_model, 1) and bias of the head; float32.
+
+    Returns:
+        (batch, actions), float32.
+    """
+    parameters = [parameter.contiguous() for parameter in parameters]
+    if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in (x, *parameters)):
+        result: Tensor = _ActuatorHeads.apply(x.contiguous(), limb, *parameters)
+        return result
+    return _forward(x.contiguous(), limb, parameters, None)
+
+
+class _ActuatorHeads(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, limb: Tensor, *parameters: Tensor) -> Tensor:
+        kept = x.new_empty(len(x), len(limb), x.shape[-1])
+        result = _forward(x, limb, parameters, kept)
+        ctx.save_for_backward(x, limb, kept, result, *parameters)
+        return result
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
+        x, limb, kept, result, *parameters = ctx.saved_tensors
+        x_gradient, gradients = torch.zeros_like(x), ThreadGradients(parameters, True)
+        _call(
+            "heads_backward", x, limb, parameters,
+            pointer(kept), pointer(result), pointer(gradient.contiguous()), pointer(x_gradient), gradients.pointers,
+        )  # fmt: skip
+        return x_gradient, None, *gradients.add_up()
+
+
+def _forward(x: Tensor, limb: Tensor, parameters: Sequence[Tensor], kept: Tensor | None) -> Tensor:
+    result = x.new_empty(len(x), len(limb), dtype=torch.float32)
+    _call("heads_forward", x, limb, parameters, None if kept is None else pointer(kept), pointer(result))
+    return result
+
+
+def _call(name: str, x: Tensor, limb: Tensor, parameters: Sequence[Tensor], *arguments: object) -> None:
+    kernel = function(name, x.dtype)
+    assert kernel is not None
+    sizes = integers(len(x), x.shape[1], len(limb), x.shape[-1])
+    kernel(sizes, torch.get_num_threads(), pointer(limb), pointers(parameters), pointer(x), *arguments)

@@ -1,0 +1,381 @@
+// Perceptron critics of many robots, forward and backward. For row b of robot r, whose scalars have the learned vectors
+// t_1, t_2, ...:
+//
+//     y_0 = sum_i v_i t_i + r        h_k = relu(norm_k(y_k))        y_k = h_(k-1) W_k + b_k        result = h_last W + b
+//
+// Rows of a robot follow each other. Each thread carries blocks of rows through all layers, so that what lies between
+// two products never leaves its cache. Only the y_k are kept for the way back. Sums are float32. Members are independent
+// networks with the same scalars.
+
+#include <omp.h>
+#include <vector>
+
+#include "rows.h"
+
+namespace {
+
+constexpr Index BLOCK_ROWS = 192;  // At most so many rows a block.
+
+// Parameters: token vectors, robot vectors, head and its bias, first norm's scale and shift, then four a hidden layer.
+enum { TOKEN, ROBOT, HEAD, HEAD_BIAS, NORM, NORM_BIAS, HIDDEN };
+constexpr int WEIGHT = 0, BIAS = 1, SCALE = 2, SHIFT = 3, A_LAYER = 4;
+
+// What a robot reads of an observation row and an action row.
+struct Reading {
+    std::int64_t obs, obs_count, action, action_count, vector, first;  // `first`: its place in the list of texts.
+
+    Index scalars() const { return obs_count + action_count; }
+};
+
+struct Problem {
+    Index members, batch, robots, width, layers, outputs, obs_width, action_width, texts, robot_vectors;
+    const Reading* readings;
+    const std::int64_t* text;  // Row of the vector of every scalar, robot by robot.
+    const float *obs, *action;
+
+    Index rows() const { return batch * robots; }
+    Index padded_outputs() const { return round_up(outputs, LANES); }
+    Index parameters() const { return HIDDEN + A_LAYER * layers; }
+    int hidden(Index layer, int part) const { return HIDDEN + A_LAYER * int(layer - 1) + part; }
+    int scale(Index layer) const { return layer ? hidden(layer, SCALE) : NORM; }
+    int shift(Index layer) const { return layer ? hidden(layer, SHIFT) : NORM_BIAS; }
+    // Numbers of a member.
+    Index size(int parameter) const {
+        switch (parameter) {
+            case TOKEN: return texts * width;
+            case ROBOT: return robot_vectors * width;
+            case HEAD: return width * outputs;
+            case HEAD_BIAS: return outputs;
+            case NORM: case NORM_BIAS: return width;
+            default: return (parameter - HIDDEN) % A_LAYER == WEIGHT ? width * width : width;
+        }
+    }
+};
+
+// Matrices of all members in panels, for h W or for g W^T: hidden layers from 1 on, the head, then each robot's vectors.
+template <class T>
+class Packed {
+  public:
+    // To be called by all threads of a parallel region. `first_layer`: whether the robots' vectors are wanted.
+    void fill(const Problem& p, const float* const* parameters, bool transposed, bool first_layer) {
+        const Index matrices = p.layers + 1 + (first_layer ? p.robots : 0);
+#pragma omp single
+        {
+            starts_.assign(p.members * matrices + 1, 0);
+            matrices_ = matrices;
+            for (Index part = 0; part < p.members * matrices; ++part) {
+                const auto [k, n] = shape(p, part % matrices);
+                starts_[part + 1] = starts_[part] + round_up(transposed ? packed_size<T>(n, k) : packed_size<T>(k, n), 16);
+            }
+            memory_.template of<Word<T>>(starts_.back());
+        }
+#pragma omp for schedule(dynamic)
+        for (Index part = 0; part < p.members * matrices; ++part) {
+            const Index matrix = part % matrices, member = part / matrices;
+            const auto [k, n] = shape(p, matrix);
+            thread_local Buffer buffer;
+            T* narrowed = buffer.of<T>(k * n);
+            std::fill(narrowed, narrowed + k * n, T());
+            if (matrix < p.layers)
+                copy(parameters[p.hidden(matrix + 1, WEIGHT)] + member * k * n, k * n, narrowed);
+            else if (matrix == p.layers)
+                for (Index i = 0; i < k; ++i)
+                    copy_part(parameters[HEAD] + (member * k + i) * p.outputs, p.outputs, narrowed + i * n);
+            else {
+                const Reading& reading = p.readings[matrix - p.layers - 1];
+                for (Index i = 0; i < reading.scalars(); ++i)
+                    copy(parameters[TOKEN] + (member * p.texts + p.text[reading.first + i]) * n, n, narrowed + i * n);
+            }
+            Word<T>* out = memory_.template of<Word<T>>(0) + starts_[part];
+            transposed ? pack_transposed(narrowed, n, n, k, out) : pack(narrowed, n, k, n, out);
+        }
+    }
+    const Word<T>* hidden(Index member, Index layer) { return get(member, layer - 1); }
+    const Word<T>* head(const Problem& p, Index member) { return get(member, p.layers); }
+    const Word<T>* vectors(const Problem& p, Index member, Index robot) { return get(member, p.layers + 1 + robot); }
+
+  private:
+    Buffer memory_;
+    std::vector<Index> starts_;
+    Index matrices_;
+
+    static std::pair<Index, Index> shape(const Problem& p, Index matrix) {
+        if (matrix < p.layers) return {p.width, p.width};
+        if (matrix == p.layers) return {p.width, p.padded_outputs()};
+        return {p.readings[matrix - p.layers - 1].scalars(), p.width};
+    }
+    const Word<T>* get(Index member, Index matrix) {
+        return memory_.template of<Word<T>>(0) + starts_[member * matrices_ + matrix];
+    }
+};
+
+// Rows of a member, and the part of a block that belongs to one robot.
+struct Block {
+    Index member, row, rows;
+};
+struct Segment {
+    Index robot, sample, rows, row;  // `row`: within the block.
+};
+
+struct Scratch {
+    Buffer scalars, hidden, gradient[2], left, right, wide;
+};
+
+template <class T>
+class Network {
+  public:
+    Network(const Problem& p, const float* const* parameters, T* const* saved, Packed<T>& packed)
+        : p(p), parameters(parameters), saved(saved), packed(packed) {}
+
+    void forward(const Block& block, float* result) {
+        const Index width = p.width, outputs = p.outputs;
+        T* h = scratch.hidden.of<T>(block.rows * width);
+        each_segment(block, [&](const Segment& s) {
+            const float* vector = get(ROBOT, block) + p.readings[s.robot].vector * width;
+            apply(read(s), s.rows, p.readings[s.robot].scalars(), width, packed.vectors(p, block.member, s.robot),
+                  [&](Index r, const float* values) { keep(block, 0, s.row + r, values, vector, h); });
+        });
+        for (Index layer = 1; layer <= p.layers; ++layer) {
+            const float* bias = get(p.hidden(layer, BIAS), block);
+            T* next = scratch.gradient[layer % 2].of<T>(block.rows * width);
+            apply(h, block.rows, width, width, packed.hidden(block.member, layer),
+                  [&](Index r, const float* values) { keep(block, layer, r, values, bias, next); });
+            h = next;
+        }
+        const float* bias = get(HEAD_BIAS, block);
+        apply(h, block.rows, width, p.padded_outputs(), packed.head(p, block.member), [&](Index r, const float* values) {
+            float* out = result + place(block, r) * outputs;
+#pragma omp simd
+            for (Index i = 0; i < outputs; ++i) out[i] = values[i] + bias[i];
+        });
+    }
+
+    // `packed` holds the transposed matrices here. Gradients of parameters are added, unless their pointers are null.
+    void backward(const Block& block, const float* result_gradient, float* obs_gradient, float* action_gradient,
+                  float* const* gradients) {
+        const Index width = p.width, padded = p.padded_outputs();
+        T* g = scratch.wide.of<T>(block.rows * padded);
+        for (Index r = 0; r < block.rows; ++r)
+            copy_part(result_gradient + place(block, r) * p.outputs, p.outputs, g + r * padded);
+        const auto gradient = [&](int parameter) {
+            return gradients ? gradients[parameter] + block.member * p.size(parameter) : nullptr;
+        };
+        T* h = scratch.hidden.of<T>(block.rows * width);
+        for (Index layer = p.layers + 1; layer-- > 0;) {
+            const bool head = layer == p.layers;
+            const Index n = head ? padded : width;
+            T* out = scratch.gradient[layer % 2].of<T>(block.rows * width);
+            apply(g, block.rows, n, width, head ? packed.head(p, block.member) : packed.hidden(block.member, layer + 1),
+                  [&](Index r, float* values) { pass(block, layer, r, values, gradient, h, out); });
+            if (gradients) {
+                const int weight = head ? HEAD : p.hidden(layer + 1, WEIGHT), bias = head ? HEAD_BIAS : weight + BIAS;
+                const Index used = head ? p.outputs : width;
+                float *sums = gradient(weight), *bias_sums = gradient(bias);
+                weigh(h, width, width, g, n, block.rows, [&](Index r) { return sums + r * used; }, used);
+                for (Index r = 0; r < block.rows; ++r)
+                    for (Index i = 0; i < used; i += LANES)
+                        add_part(g + r * n + i, std::min(LANES, used - i), bias_sums + i);
+            }
+            g = out;
+        }
+        each_segment(block, [&](const Segment& s) { leave(block, s, g + s.row * width, obs_gradient, action_gradient, gradient); });
+    }
+
+  private:
+    const Problem& p;
+    const float* const* parameters;
+    T* const* saved;
+    Packed<T>& packed;
+    inline static thread_local Scratch scratch;
+
+    const float* get(int parameter, const Block& block) const {
+        return parameters[parameter] + block.member * p.size(parameter);
+    }
+    // Row of the result of a block's row: samples in order, and in them robots.
+    Index place(const Block& block, Index r) const {
+        const Index row = block.row + r;
+        return (block.member * p.batch + row % p.batch) * p.robots + row / p.batch;
+    }
+    T* kept(const Block& block, Index layer, Index r) const {
+        return saved[layer] + (block.member * p.rows() + block.row + r) * p.width;
+    }
+
+    template <class Work>
+    void each_segment(const Block& block, Work&& work) {
+        for (Index row = block.row; row < block.row + block.rows;) {
+            const Index robot = row / p.batch, rows = std::min((robot + 1) * p.batch, block.row + block.rows) - row;
+            work(Segment{robot, row % p.batch, rows, row - block.row});
+            row += rows;
+        }
+    }
+
+    template <class Finish>
+    void apply(const T* in, Index rows, Index k, Index n, const Word<T>* matrix, Finish&& finish) {
+        product(rows, n, words<T>(k), as_words(in), words<T>(k), 1, matrix, finish);
+    }
+
+    // The scalars of a segment, each row a whole number of words.
+    T* read(const Segment& s) {
+        const Reading& reading = p.readings[s.robot];
+        const Index size = words<T>(reading.scalars()) * Words<T>::size;
+        T* out = scratch.scalars.of<T>(s.rows * size + LANES);
+        for (Index r = 0; r < s.rows; ++r) {
+            const float* obs = p.obs + (s.sample + r) * p.obs_width + reading.obs;
+            const float* action = p.action + (s.sample + r) * p.action_width + reading.action;
+            copy_exactly(obs, reading.obs_count, out + r * size);
+            copy_exactly(action, reading.action_count, out + r * size + reading.obs_count);
+            std::fill(out + r * size + reading.scalars(), out + (r + 1) * size, T());
+        }
+        return out;
+    }
+    static void copy_exactly(const float* x, Index n, T* out) {
+        T part[LANES];
+        for (Index i = 0; i < n; i += LANES) {
+            const Index count = std::min(LANES, n - i);
+            copy_part(x + i, count, part);
+            std::copy_n(part, count, out + i);
+        }
+    }
+    static void add_part(const T* x, Index count, float* sum) {
+        if (count == LANES) return add(x, LANES, sum);
+        float wide[LANES];
+        copy(x, LANES, wide);
+        for (Index i = 0; i < count; ++i) sum[i] += wide[i];
+    }
+
+    // y = values + bias, kept, and h = relu(norm(y)).
+    void keep(const Block& block, Index layer, Index r, const float* values, const float* bias, T* h) {
+        const Index width = p.width;
+        T* y = saved[0] ? kept(block, layer, r) : scratch.wide.of<T>(width);
+        for (Index i = 0; i < width; i += LANES) store(y + i, load(values + i) + load(bias + i));
+        rectify(block, layer, y, h + r * width);
+    }
+    Moments rectify(const Block& block, Index layer, const T* y, T* h) {
+        const float *scale = get(p.scale(layer), block), *shift = get(p.shift(layer), block);
+        const Moments own = moments(y, p.width);
+        for (Index i = 0; i < p.width; i += LANES) {
+            const Floats x = (load(y + i) - own.mean) * own.scale * load(scale + i) + load(shift + i);
+            store(h + i, x > 0 ? x : all(0));
+        }
+        return own;
+    }
+    // From the gradient `values` of a row of h to that of y; computes h again.
+    template <class Gradient>
+    void pass(const Block& block, Index layer, Index r, float* values, const Gradient& gradient, T* h, T* out) {
+        const Index width = p.width;
+        const T* y = kept(block, layer, r);
+        T* own_h = h + r * width;
+        const Moments own = rectify(block, layer, y, own_h);
+        for (Index i = 0; i < width; i += LANES) store(values + i, load(own_h + i) > 0 ? load(values + i) : all(0));
+        normalize_backward(own, y, width, get(p.scale(layer), block), values, gradient(p.scale(layer)),
+                           gradient(p.shift(layer)), out + r * width);
+    }
+    // From the gradient g of the first layer's y to those of vectors, observations and actions.
+    template <class Gradient>
+    void leave(const Block& block, const Segment& s, const T* g, float* obs_gradient, float* action_gradient,
+               const Gradient& gradient) {
+        const Reading& reading = p.readings[s.robot];
+        const Index width = p.width, scalars = reading.scalars();
+        if (float* sums = gradient(TOKEN)) {
+            const Index size = words<T>(scalars) * Words<T>::size;
+            weigh(read(s), size, scalars, g, width, s.rows,
+                  [&](Index r) { return sums + p.text[reading.first + r] * width; }, width);
+            float* robot = gradient(ROBOT) + reading.vector * width;
+            for (Index r = 0; r < s.rows; ++r) add(g + r * width, width, robot);
+        }
+        if (!obs_gradient && !action_gradient) return;
+        apply(g, s.rows, width, scalars, packed.vectors(p, block.member, s.robot), [&](Index r, const float* values) {
+            const Index sample = block.member * p.batch + s.sample + r;
+            if (obs_gradient) std::copy_n(values, reading.obs_count, obs_gradient + sample * p.obs_width + reading.obs);
+            if (action_gradient)
+                std::copy_n(values + reading.obs_count, reading.action_count,
+                            action_gradient + sample * p.action_width + reading.action);
+        });
+    }
+
+    // Adds in^T g (m x used numbers) to the rows that `sums` gives.
+    template <class Sums>
+    void weigh(const T* in, Index in_step, Index m, const T* g, Index n, Index rows, Sums&& sums, Index used) {
+        Word<T>* left = scratch.left.of<Word<T>>(words<T>(rows) * m);
+        Word<T>* right = scratch.right.of<Word<T>>(packed_size<T>(rows, n));
+        interleave(in, in_step, rows, m, left, m);
+        pack(g, n, rows, n, right);
+        product(m, n, words<T>(rows), left, 1, m, right, [&](Index r, const float* values) {
+            float* sum = sums(r);
+#pragma omp simd
+            for (Index i = 0; i < used; ++i) sum[i] += values[i];
+        });
+    }
+};
+
+// Calls `work` with the blocks of one of the threads that run this: always the same ones, so that sums are, too.
+template <class Work>
+void for_own_blocks(const Problem& p, Work&& work) {
+    const Index rows = p.rows(), blocks = round_up((rows + BLOCK_ROWS - 1) / BLOCK_ROWS, omp_get_num_threads()),
+                size = (rows + blocks - 1) / blocks;
+#pragma omp for schedule(static)
+    for (Index part = 0; part < p.members * blocks; ++part) {
+        const Index row = part % blocks * size, count = std::min(size, rows - row);
+        if (count > 0) work(Block{part / blocks, row, count});
+    }
+}
+
+template <class T>
+void forward(const Problem& p, int threads, const float* const* parameters, T* const* saved, float* result) {
+    thread_local Packed<T> own;
+    Packed<T>& packed = own;  // The threads use the caller's.
+#pragma omp parallel num_threads(threads)
+    {
+        packed.fill(p, parameters, false, true);
+        Network<T> network(p, parameters, saved, packed);
+        for_own_blocks(p, [&](const Block& block) { network.forward(block, result); });
+    }
+}
+
+template <class T>
+void backward(const Problem& p, int threads, const float* const* parameters, T* const* saved,
+              const float* result_gradient, float* obs_gradient, float* action_gradient, float* const* gradients) {
+    thread_local Packed<T> own;
+    Packed<T>& packed = own;
+#pragma omp parallel num_threads(threads)
+    {
+        packed.fill(p, parameters, true, obs_gradient || action_gradient);
+        Network<T> network(p, parameters, saved, packed);
+        float* const* mine = gradients ? gradients + omp_get_thread_num() * p.parameters() : nullptr;
+        for_own_blocks(p, [&](const Block& block) {
+            network.backward(block, result_gradient, obs_gradient, action_gradient, mine);
+        });
+    }
+}
+
+Problem problem(const std::int64_t* s, const std::int64_t* readings, const std::int64_t* text, const float* obs,
+                const float* action) {
+    return {s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7], s[8], s[9],
+            reinterpret_cast<const Reading*>(readings), text, obs, action};
+}
+
+}  // namespace
+
+extern "C" {
+
+// s: members, batch, robots, width, layers, outputs, widths of an observation row and of an action row, numbers of token
+// vectors and of robot vectors. Gradients of observations and actions have a leading axis of members.
+#define DEFINE(NAME, T)                                                                                                \
+    void critic_forward_##NAME(const std::int64_t* s, int threads, const std::int64_t* readings,                       \
+                               const std::int64_t* text, const float* const* parameters, const float* obs,             \
+                               const float* action, T* const* saved, float* result) {                                  \
+        forward<T>(problem(s, readings, text, obs, action), threads, parameters, saved, result);                       \
+    }                                                                                                                  \
+    void critic_backward_##NAME(const std::int64_t* s, int threads, const std::int64_t* readings,                      \
+                                const std::int64_t* text, const float* const* parameters, const float* obs,            \
+                                const float* action, T* const* saved, const float* gradient, float* obs_gradient,      \
+                                float* action_gradient, float* const* gradients) {                                     \
+        backward<T>(problem(s, readings, text, obs, action), threads, parameters, saved, gradient, obs_gradient,       \
+                    action_gradient, gradients);                                                                       \
+    }
+
+DEFINE(float32, float)
+#ifdef __AVX512BF16__
+DEFINE(bfloat16, bfloat16)
+#endif
+}
