@@ -1,6 +1,7 @@
 # Every target makes and fills .venv first where it is missing or out of date, so that it is the only command needed.
 #   make demo                     a family of bodies, one policy, a body it never saw (SEED=1 MINUTES=5 for others)
 #   make test | lint | bench      tests; style, types and import rules; measured speeds
+#   make docs                     the documentation site, in build/site; a broken link or reference fails
 #   make corpus | fuzz            other people's robots, read and cut; broken files, for minutes (outside CI)
 # PYTHON=/path/to/python3.12 chooses the interpreter (3.11 or newer) that makes .venv.
 
@@ -15,7 +16,7 @@ MINUTES ?= 8
 WORKERS ?= auto
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test lint types imports bench corpus fuzz clean
+.PHONY: help venv demo test lint types imports docs bench corpus fuzz clean
 
 help:
 	@sed -n 's/^#   /  /p' Makefile
@@ -29,7 +30,7 @@ $(STAMP): pyproject.toml setup.py constraints.txt
 	@$(PYTHON) -m venv $(VENV) || \
 		{ echo "error: no virtual environment can be made; on Debian and Ubuntu: apt-get install python3-venv" >&2; exit 2; }
 	@echo "filling $(VENV) (some minutes the first time)" >&2
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,viewer]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,docs,viewer]'
 	@touch $@
 
 demo: $(STAMP)
@@ -49,8 +50,12 @@ types: $(STAMP)
 imports: $(STAMP)
 	$(BIN)/lint-imports
 
+docs: $(STAMP)
+	$(BIN)/python tools/draw_architecture.py --check
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
 bench: $(STAMP)
-	@status=0; for program in tools/*.py; do $(BIN)/python $$program || status=1; done; exit $$status
+	@status=0; for program in tools/*_speed.py tools/replay_memory.py; do $(BIN)/python $$program || status=1; done; exit $$status
 
 # What the packages hold is unpacked into .corpus (2 GB); their code is not run. All outcomes go to .corpus/outcomes.jsonl.
 # With less than all packages, say where the table should go: make corpus CORPUS="brax gymnasium" CORPUS_TABLE=table.md
