@@ -112,10 +112,10 @@ def test_a_diverging_simulation_is_counted_and_poisons_nothing(
     assert read_metrics(run)[-1]["diverged"] > 0
     session = Session(run_settings.load(run))
     session.restore(run)
-    for ring in session.collector.rings:
+    for buffer in session.collector.buffers:
         for name in ("obs", "action", "reward", "newest"):
-            assert np.isfinite(getattr(ring, name)).all()
-        assert np.isfinite(ring.finals.obs).all()
+            assert np.isfinite(getattr(buffer, name)).all()
+        assert np.isfinite(buffer.finals.obs).all()
     assert all(torch.isfinite(p).all() for net in session.agent.learner.networks().values() for p in net.parameters())
     assert np.isfinite(session.agent.normalizer.mean).all()
     (result,) = evaluate(run, [explosive], episodes=2)

@@ -40,7 +40,7 @@ def content(one: Session) -> dict[str, Any]:
     """Everything that a continuation depends on."""
     groups = {**one.agent.arrays(), "environments": one.collector.arrays()}
     arrays = {f"{group}/{key}": np.array(a) for group, part in groups.items() for key, a in part.items()}
-    drawn = [ring.sample(20, 2, 0.9, np.random.default_rng(0)) for ring in one.collector.rings if len(ring)]
+    drawn = [buffer.sample(20, 2, 0.9, np.random.default_rng(0)) for buffer in one.collector.buffers if len(buffer)]
     arrays.update({f"replay/{number}": np.hstack([a.ravel() for a in part]) for number, part in enumerate(drawn)})
     state = {**one.agent.state(), **one.collector.state(), **one.schedule.state(), "rng": one.rng.bit_generator.state}
     return {**arrays, "state": json.dumps(state)}
@@ -110,7 +110,7 @@ def test_a_round_is_an_episode_of_every_robot_then_equal_shares_of_as_many_updat
         while schedule.updates_left.any():
             schedule.advance()
         assert trained_on == [(robot, number) for robot in range(2) for number in range(shares[robot])]
-    assert collector.real_steps == 2 * collector.rings[0].added > collector.steps
+    assert collector.real_steps == 2 * collector.buffers[0].added > collector.steps
     assert one.agent.learner.updates == collector.steps
     assert unlike > 2, "episodes as long as each other would not tell how updates are shared"
 
@@ -121,9 +121,9 @@ def test_no_sum_of_rewards_reaches_over_the_end_of_a_round() -> None:
     assert isinstance(schedule, Rounds)
     while not schedule.updates_left.any():
         schedule.advance()
-    for ring in one.collector.rings:
-        assert ring.ended[ring.added - 1]
-        assert ring.finals.numbers[-1] == ring.added - 1
+    for buffer in one.collector.buffers:
+        assert buffer.ended[buffer.added - 1]
+        assert buffer.finals.numbers[-1] == buffer.added - 1
 
 
 def test_a_round_with_several_environments_waits_for_all_of_them() -> None:
@@ -133,7 +133,7 @@ def test_a_round_with_several_environments_waits_for_all_of_them() -> None:
     while not schedule.updates_left.any():
         schedule.advance()
     assert one.collector.episodes == 3
-    assert one.collector.rings[0].added <= schedule.updates_left[0] <= one.collector.real_steps
+    assert one.collector.buffers[0].added <= schedule.updates_left[0] <= one.collector.real_steps
 
 
 @pytest.mark.parametrize("pieces", [7, 80])
