@@ -84,7 +84,7 @@ def test_a_checkpoint_of_another_method_is_refused(tmp_path: Path) -> None:
     train([load("hopper_3")], tmp_path / "run", config("amorpheus"), steps=12)
     path = tmp_path / "run" / "config.json"
     saved = json.loads(path.read_text())
-    saved["config"]["model"]["method"] = "smp"
+    saved["config"]["model"] = config("smp").to_dict()["model"]
     path.write_text(json.dumps(saved))
     for attempt in (Policy.load, lambda run: resume(run, steps=20)):
         with pytest.raises(CheckpointError, match="method 'amorpheus', but the run says 'smp'"):

@@ -150,7 +150,7 @@ def test_no_checkpoint_is_written_once_a_loss_is_not_finite(tmp_path: Path) -> N
 def test_no_checkpoint_is_written_once_a_weight_is_not_finite(tmp_path: Path) -> None:
     """The loss of the update that spoils the weights is still finite."""
     with pytest.raises(TrainingError, match="weights of critic are not finite after 10 steps"):
-        train([load("hopper_3")], tmp_path / "wild", config("td3.learning_rate=1e39"), steps=10)
+        train([load("hopper_3")], tmp_path / "wild", config("learner.critic_learning_rate=1e39"), steps=10)
     assert not checkpoint.has_checkpoint(tmp_path / "wild")
 
 

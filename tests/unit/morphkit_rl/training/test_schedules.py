@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,12 +22,13 @@ from morphkit_rl.training.schedules import Rounds, Sweeps
 from morphkit_rl.training.session import Session
 from tests.support.networks import tiny_overrides
 
-TINY = ("model.d_model=16", "model.layers=1", "model.feedforward=16", "td3.batch_size=4", "trainer.precision=float32")
+TINY = ("td3.batch_size=4", "trainer.precision=float32")
+TINY_MODEL = ("model.d_model=16", "model.layers=1", "model.feedforward=16")
 
 
-def session(*names: str, overrides: tuple[str, ...] = (), seed: int = 0) -> Session:
+def session(*names: str, overrides: tuple[str, ...] = (), model: Sequence[str] = TINY_MODEL, seed: int = 0) -> Session:
     robots = tuple(load(name) for name in names)
-    config = load_config(overrides=[*TINY, *overrides])
+    config = load_config(overrides=[*TINY, *model, *overrides])
     return Session(RunSettings(robots, (), (), config, None, None, seed, None, 1000, "cpu", 1))
 
 
@@ -211,8 +213,8 @@ WAITING = {f"aten.{name}" for name in ("_local_scalar_dense", "nonzero", "bincou
 
 @pytest.mark.parametrize("method", method_names())
 def test_collecting_and_learning_wait_for_a_device_only_to_fetch_actions(method: str) -> None:
-    small = ("trainer.num_envs=2", "trainer.start_steps=4", *tiny_overrides(method))
-    one = run_on(session("hopper", "hopper_3", overrides=small), 3)
+    small = ("trainer.num_envs=2", "trainer.start_steps=4")
+    one = run_on(session("hopper", "hopper_3", overrides=small, model=tiny_overrides(method)), 3)
     with Operations() as operations:
         one.schedule.advance()
     assert operations.seen
