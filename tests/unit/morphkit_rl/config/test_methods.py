@@ -116,6 +116,14 @@ def test_another_package_adds_a_method() -> None:
 
 
 @pytest.mark.usefixtures("other_package")
+def test_a_package_that_cannot_be_used_spoils_no_message_about_a_setting() -> None:
+    with pytest.raises(ConfigError, match=r"model\.message_size is a setting of smp, not of limb-former"):
+        load_config(overrides=["model.message_size=3"])
+    with pytest.raises(ConfigError, match=r"unknown setting 'model\.d_modl'; did you mean 'd_model'"):
+        load_config(overrides=["model.d_modl=3"])
+
+
+@pytest.mark.usefixtures("other_package")
 def test_methods_of_other_packages_that_cannot_be_used_are_explained() -> None:
     with pytest.raises(ConfigError, match="'gone': no_such_module:METHOD cannot be imported"):
         find_method("gone")
