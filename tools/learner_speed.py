@@ -31,7 +31,7 @@ from morphkit.tokens.spec import TokenSpec
 from morphkit_rl.algorithms.agent import Agent
 from morphkit_rl.benchmark.bodies import members
 from morphkit_rl.benchmark.definition import load_benchmark
-from morphkit_rl.buffers.replay_buffer import Batch, Ring
+from morphkit_rl.buffers.replay_buffer import Batch, ReplayBuffer
 from morphkit_rl.config.train_config import TrainConfig, load_config
 from morphkit_rl.kernels import library
 from morphkit_rl.runs import run_settings
@@ -111,8 +111,8 @@ class Learner:
         self.precision = self.agent.learner.precision
         self.batch_size = -(-config.td3.batch_size // len(specs)) * len(specs)
         layout, envs = self.agent.robots.layout, config.trainer.num_envs
-        self.rings = [
-            Ring(tokens.stop - tokens.start, a.stop - a.start, envs, TRANSITIONS)
+        self.buffers = [
+            ReplayBuffer(tokens.stop - tokens.start, a.stop - a.start, envs, TRANSITIONS)
             for tokens, a in zip(layout.tokens, layout.actions, strict=True)
         ]
         for _ in range(TRANSITIONS // envs):
@@ -123,7 +123,7 @@ class Learner:
         """Learn for so long."""
         start, updates = time.perf_counter(), 0
         while (passed := time.perf_counter() - start) < seconds:
-            for batch in batches(self.config, self.rings, self.rng):
+            for batch in batches(self.config, self.buffers, self.rng):
                 self.agent.update(batch, self.rng)
                 updates += 1
         return updates * self.batch_size / passed
@@ -131,13 +131,13 @@ class Learner:
     def flop_per_sample(self) -> float:
         """Operations of the matrix products of `policy_delay` updates, robot by robot, over their samples."""
         if self._flop is None:
-            updates, share = self.config.td3.policy_delay, self.batch_size // len(self.rings)
+            updates, share = self.config.td3.policy_delay, self.batch_size // len(self.buffers)
             with kernels(on=False), FlopCounterMode(display=False) as counter:
                 for number in range(updates):
-                    batch = next(iter(batches(self.config, self.rings, self.rng)))
+                    batch = next(iter(batches(self.config, self.buffers, self.rng)))
                     for robot, view in enumerate(self.agent.each):
                         self.agent.update(self._part(batch, robot), self.rng, view, number)
-            self._flop = counter.get_total_flops() / (updates * share * len(self.rings))
+            self._flop = counter.get_total_flops() / (updates * share * len(self.buffers))
         return self._flop
 
     def _part(self, batch: Batch, robot: int) -> Batch:
@@ -149,11 +149,11 @@ class Learner:
         )  # fmt: skip
 
     def _add(self, envs: int) -> None:
-        for ring in self.rings:
-            obs, next_obs = self.rng.standard_normal((2, envs, ring.obs.shape[1])).astype(np.float32)
+        for buffer in self.buffers:
+            obs, next_obs = self.rng.standard_normal((2, envs, buffer.obs.shape[1])).astype(np.float32)
             ended = self.rng.random(envs) < 0.01
-            ring.add(
-                obs=obs, next_obs=next_obs, action=self.rng.uniform(-1, 1, (envs, ring.action.shape[1])).astype("f4"),
+            buffer.add(
+                obs=obs, next_obs=next_obs, action=self.rng.uniform(-1, 1, (envs, buffer.action.shape[1])).astype("f4"),
                 reward=self.rng.standard_normal(envs).astype("f4"), terminated=ended, ended=ended,
             )  # fmt: skip
 

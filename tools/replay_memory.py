@@ -20,7 +20,7 @@ import numpy as np
 
 from morphkit.registry import load, recipes
 from morphkit.simulation.build import build_simulation
-from morphkit_rl.buffers.replay_buffer import FIELDS, ReplayDtype, Ring
+from morphkit_rl.buffers.replay_buffer import FIELDS, ReplayBuffer, ReplayDtype
 from morphkit_rl.envs.batch_env import BatchEnv
 from morphkit_rl.envs.tasks import task_for
 from morphkit_rl.evaluation.episodes import random_controller
@@ -37,24 +37,24 @@ def resident() -> int:
     return int(pages) * os.sysconf("SC_PAGE_SIZE")
 
 
-def fill(env: BatchEnv, rings: list[Ring], sweeps: int) -> dict[str, list[float]]:
+def fill(env: BatchEnv, buffers: list[ReplayBuffer], sweeps: int) -> dict[str, list[float]]:
     """Fill with a random policy; the absolute errors of the stored observations by quantity: largest, mean, |value|."""
     act, obs = random_controller(env, 0), env.reset()
     errors: dict[str, list[np.ndarray]] = {}
     for sweep in range(sweeps):
         step = env.step(act(obs))
-        for robot, ring in enumerate(rings):
-            start = (ring.added % ring.sweeps) * ENVS
-            ring.add(
+        for robot, buffer in enumerate(buffers):
+            start = (buffer.added % buffer.sweeps) * ENVS
+            buffer.add(
                 obs=obs[robot],
-                action=np.zeros((ENVS, ring.action.shape[1])),
+                action=np.zeros((ENVS, buffer.action.shape[1])),
                 reward=step.reward[robot],
                 next_obs=step.final_obs[robot],
                 terminated=step.terminated[robot],
                 ended=step.terminated[robot] | step.truncated[robot],
             )
             if sweep % 50 == 0:
-                error = np.abs(ring.obs[start : start + ENVS].astype(np.float64) - obs[robot])
+                error = np.abs(buffer.obs[start : start + ENVS].astype(np.float64) - obs[robot])
                 for sensor in env.specs[robot].sensors:
                     column = np.stack([error[:, sensor.index], np.abs(obs[robot][:, sensor.index])])
                     errors.setdefault(sensor.quantity, []).append(column)
@@ -70,21 +70,23 @@ def measure(dtype: ReplayDtype, capacity: int, sweeps: int) -> dict[str, Any]:
     env.step([np.zeros((ENVS, len(spec.actuators))) for spec in env.specs])
     before = resident()
     # One action a limb, as the published methods store them: the widest case.
-    rings = [Ring(len(spec.sensors), len(spec.limbs), ENVS, capacity // len(ROBOTS), dtype) for spec in env.specs]
+    buffers = [
+        ReplayBuffer(len(spec.sensors), len(spec.limbs), ENVS, capacity // len(ROBOTS), dtype) for spec in env.specs
+    ]
     empty = resident() - before
-    errors = fill(env, rings, sweeps)
+    errors = fill(env, buffers, sweeps)
     filled = resident() - before
     env.close()
-    arrays = sum(getattr(ring, name).nbytes for ring in rings for name in FIELDS)
-    share = sum(map(len, rings)) / capacity
-    finals = sum(ring.finals.obs.nbytes + ring.finals.numbers.nbytes for ring in rings) / share
+    arrays = sum(getattr(buffer, name).nbytes for buffer in buffers for name in FIELDS)
+    share = sum(map(len, buffers)) / capacity
+    finals = sum(buffer.finals.obs.nbytes + buffer.finals.numbers.nbytes for buffer in buffers) / share
     return {
         "dtype": dtype,
-        "transitions": sum(ring.sweeps * ENVS for ring in rings),
+        "transitions": sum(buffer.sweeps * ENVS for buffer in buffers),
         "arrays_gib": arrays / GIB,
         "final_observations_gib": finals / GIB,
         "whole_gib": (arrays + finals) / GIB,
-        "stored_twice_gib": (arrays + sum(ring.obs.nbytes for ring in rings)) / GIB,
+        "stored_twice_gib": (arrays + sum(buffer.obs.nbytes for buffer in buffers)) / GIB,
         "filled_share": share,
         "resident_empty_gib": empty / GIB,
         "resident_filled_gib": filled / GIB,

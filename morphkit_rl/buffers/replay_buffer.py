@@ -1,4 +1,4 @@
-"""Replay: one preallocated ring a robot, unpadded, in which no observation is stored twice."""
+"""Replay buffers: one preallocated ring of arrays a robot, unpadded, in which no observation is stored twice."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 ReplayDtype = Literal["float32", "float16"]
 
 FIELDS = ("obs", "action", "reward", "terminated", "ended")
-"""Arrays of a ring with one row a transition."""
+"""Arrays of a replay buffer with one row a transition."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ class Finals:
         return self.obs[np.searchsorted(self.numbers, numbers)]
 
 
-class Ring:
+class ReplayBuffer:
     """The transitions of one robot, sweep by sweep.
 
     Transition `sweep * num_envs + env` stands in the row of this number modulo the capacity. The observation that it
@@ -201,9 +201,11 @@ class Ring:
         return obs if self.obs.dtype == np.float32 else np.clip(obs, -self._largest, self._largest)
 
 
-def sample(rings: Sequence[Ring], batch: int, n_step: int, discount: float, rng: np.random.Generator) -> Batch:
+def sample(
+    buffers: Sequence[ReplayBuffer], batch: int, n_step: int, discount: float, rng: np.random.Generator
+) -> Batch:
     """Draw `batch` transitions of every robot."""
-    parts = list(zip(*(ring.sample(batch, n_step, discount, rng) for ring in rings), strict=True))
+    parts = list(zip(*(buffer.sample(batch, n_step, discount, rng) for buffer in buffers), strict=True))
     obs, action, reward, next_obs, factor = parts
     return Batch(
         np.concatenate(obs, 1), np.concatenate(action, 1), np.stack(reward, 1),

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -116,14 +117,22 @@ def settings_of(section: Mapping[str, Any], where: str) -> type[ModelSettings]:
         raise ConfigError(f"{where}.method is {name!r}; expected the name of a method")
     own = _fields(name)
     for key in section:
-        others = [] if key in own else [other for other in method_names() if key in _fields(other)]
-        if others:
+        if key not in own and (others := _methods_with(key)):
             raise ConfigError(f"{where}.{key} is a setting of {', '.join(others)}, not of {name}")
     return find_method(name).settings
 
 
 def _fields(name: str) -> set[str]:
     return {field.name for field in dataclasses.fields(find_method(name).settings)}
+
+
+def _methods_with(setting: str) -> list[str]:
+    """Methods that have a setting; packages that cannot be used have none."""
+    found = []
+    for name in method_names():
+        with suppress(ConfigError):
+            found += [name] if setting in _fields(name) else []
+    return found
 
 
 def _others() -> dict[str, EntryPoint]:

@@ -8,7 +8,6 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,20 +15,11 @@ from morphkit.errors import ConfigError
 from morphkit.simulation.build import Simulation
 from morphkit.tokens.spec import TokenSpec
 from morphkit_rl.envs.divergence import Divergence
+from morphkit_rl.envs.episode_counters import Episode, EpisodeCounters
 from morphkit_rl.envs.observation import Observation, ObservationPass
 from morphkit_rl.envs.reward import RewardPass
 from morphkit_rl.envs.stepping import SteppedRobot, Stepper
 from morphkit_rl.envs.tasks import Task
-
-
-class Episode(NamedTuple):
-    """A finished episode: index of robot and environment, sum of rewards, control steps, whether it diverged."""
-
-    robot: int
-    env: int
-    episode_return: float
-    length: int
-    diverged: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,9 +105,7 @@ class BatchEnv:
         self._ctrl = _slices([n * len(spec.actuators) for n, spec in zip(self.num_envs, self.specs, strict=True)])
         bounds = [np.tile(robot.bounds, len(robot.ctrl)) for robot in self._robots]
         self._ctrl_low, self._ctrl_high = np.concatenate(bounds, axis=1)
-        self._return = np.zeros(sum(self.num_envs))
-        self._length = np.zeros(sum(self.num_envs), np.int64)
-        self._max_length = np.repeat([task.episode_length for task in tasks], self.num_envs)
+        self._counters = EpisodeCounters(self._envs, [task.episode_length for task in tasks])
         self._stepper = Stepper(self._robots, num_threads or len(os.sched_getaffinity(0)))
         self._stepper.sense()
         self.seed(seed)
@@ -148,8 +136,7 @@ class BatchEnv:
         """
         for robot, rng, task in zip(self._robots, self._rngs, self.tasks, strict=True):
             robot.state[:] = robot.draw_start(rng, task, len(robot.state))
-        self._return[:] = 0
-        self._length[:] = 0 if elapsed is None else np.concatenate(elapsed)
+        self._counters.restart(slice(None), 0 if elapsed is None else np.concatenate(elapsed))
         return self.observe()
 
     def observe(self) -> list[np.ndarray]:
@@ -180,11 +167,9 @@ class BatchEnv:
         if diverged is not None:
             reward[diverged], terminated[diverged] = 0.0, True
             self.diverged += [int(diverged[mine].sum()) for mine in self._envs]
-        self._return += reward
-        self._length += 1
-        truncated = (self._length >= self._max_length) & ~terminated
+        truncated = self._counters.add(reward) & ~terminated
         done = terminated | truncated
-        episodes = self._end(done, diverged)
+        episodes = self._counters.end(done, diverged)
         obs = self._restart(done) if episodes and self.autoreset else final
         final_obs = self._split_obs(final)
         return Step(
@@ -215,7 +200,7 @@ class BatchEnv:
                 raise ValueError(f"{name} must be finite")
         own.state[:] = own.start
         own.qpos[:], own.qvel[:] = qpos, qvel
-        self._return[self._envs[robot]] = self._length[self._envs[robot]] = 0
+        self._counters.restart(self._envs[robot])
         return self.observe()[robot]
 
     def state(self, robot: int) -> tuple[np.ndarray, np.ndarray]:
@@ -227,8 +212,8 @@ class BatchEnv:
         generators = [[s.name, rng.bit_generator.state] for s, rng in zip(self.simulations, self._rngs, strict=True)]
         return {
             "state": self._state.copy(),
-            "return": self._return.copy(),
-            "length": self._length.copy(),
+            "return": self._counters.returns.copy(),
+            "length": self._counters.lengths.copy(),
             "diverged": self.diverged.copy(),
             "generators": np.frombuffer(json.dumps(generators).encode(), np.uint8).copy(),
         }
@@ -239,7 +224,8 @@ class BatchEnv:
         Raises:
             ConfigError: It was taken from other robots or numbers of environments.
         """
-        own = {"state": self._state, "return": self._return, "length": self._length, "diverged": self.diverged}
+        returns, lengths = self._counters.returns, self._counters.lengths
+        own = {"state": self._state, "return": returns, "length": lengths, "diverged": self.diverged}
         for key, target in own.items():
             if key not in state or np.shape(state[key]) != target.shape:
                 raise ConfigError(f"environment state {key!r} does not fit these robots and numbers of environments")
@@ -267,17 +253,6 @@ class BatchEnv:
         if not np.isfinite(flat).all():
             raise ValueError("actions must be finite")
         return np.clip(flat, self._ctrl_low, self._ctrl_high, out=flat)
-
-    def _end(self, done: np.ndarray, diverged: np.ndarray | None) -> list[Episode]:
-        """The episodes that ended; their counters start anew."""
-        episodes = []
-        for robot, mine in enumerate(self._envs if done.any() else ()):
-            for env in np.flatnonzero(done[mine]):
-                at = mine.start + env
-                bad = diverged is not None and bool(diverged[at])
-                episodes.append(Episode(robot, int(env), float(self._return[at]), int(self._length[at]), bad))
-        self._return[done] = self._length[done] = 0
-        return episodes
 
     def _restart(self, done: np.ndarray) -> np.ndarray:
         """Draw new start states where `done`; flat observations with theirs in place."""

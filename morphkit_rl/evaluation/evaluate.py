@@ -53,7 +53,7 @@ class RobotResult(RobotReturns):
 
 
 def evaluate(
-    run: Path,
+    run: str | Path,
     descriptions: Sequence[Description],
     *,
     episodes: int = 10,
@@ -86,7 +86,7 @@ def evaluate(
 
 
 def record(
-    run: Path,
+    run: str | Path,
     description: Description,
     *,
     seed: int = 0,
@@ -145,9 +145,9 @@ def _evaluate_one(policy: Policy, robot: Robot, episodes: int, seed: int) -> Rob
 
 
 def _prepare(
-    run: Path, policy: Policy, descriptions: Sequence[Description], task: str | None, base: Base | None
+    run: str | Path, policy: Policy, descriptions: Sequence[Description], task: str | None, base: Base | None
 ) -> list[Robot]:
-    saved = run_settings.read(run)
+    saved = run_settings.read(Path(run))
     task, base = task or saved.get("task"), base or saved.get("base")
     robots = [
         run_settings.prepare_robot(policy.config, description, task=task, base=base) for description in descriptions

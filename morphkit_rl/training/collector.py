@@ -10,9 +10,10 @@ import numpy as np
 
 from morphkit.errors import TrainingError
 from morphkit_rl.algorithms.actions import ActionRows
-from morphkit_rl.buffers.replay_buffer import Ring
+from morphkit_rl.buffers.replay_buffer import ReplayBuffer
 from morphkit_rl.config.train_config import TrainerConfig
-from morphkit_rl.envs.batch_env import BatchEnv, Episode, Step
+from morphkit_rl.envs.batch_env import BatchEnv, Step
+from morphkit_rl.envs.episode_counters import Episode
 from morphkit_rl.envs.robot import Robot
 from morphkit_rl.models.layout import Layout
 
@@ -30,7 +31,7 @@ class Collector:
 
     Attributes:
         obs: (environments a robot, tokens) the observations that the next step starts from.
-        rings: Replay of each robot.
+        buffers: Replay of each robot.
         steps: Environment steps over all robots that count for the budget.
         real_steps: All environment steps.
         episodes: Episodes that were reported.
@@ -53,7 +54,7 @@ class Collector:
             for tokens, a in zip(layout.tokens, layout.actions, strict=True)
         ]
         capacity = config.replay_capacity // len(robots)
-        self.rings = [Ring(*width, config.num_envs, capacity, config.replay_dtype) for width in widths]
+        self.buffers = [ReplayBuffer(*width, config.num_envs, capacity, config.replay_dtype) for width in widths]
         self.steps = self.real_steps = self.episodes = 0
         self.recent: list[deque[float]] = [deque(maxlen=RECENT_EPISODES) for _ in robots]
         self.obs = np.zeros(0)
@@ -90,8 +91,8 @@ class Collector:
             step: What it returned.
             cut: Whether the episodes that still run stop here, so that all start anew.
         """
-        for robot, ring in enumerate(self.rings):
-            ring.add(
+        for robot, buffer in enumerate(self.buffers):
+            buffer.add(
                 obs=self.obs[:, self.layout.tokens[robot]],
                 action=action[:, self.layout.actions[robot]],
                 reward=step.reward[robot],

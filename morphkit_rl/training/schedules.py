@@ -9,7 +9,7 @@ import numpy as np
 from torch import Tensor
 
 from morphkit_rl.algorithms.agent import Agent
-from morphkit_rl.buffers.replay_buffer import Batch, Ring, sample
+from morphkit_rl.buffers.replay_buffer import Batch, ReplayBuffer, sample
 from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.training.collector import Collector
 
@@ -72,7 +72,7 @@ class Sweeps:
             self._first[episode.robot, episode.env] = False
         losses: dict[str, Tensor] = {}
         if not warm_up:
-            for batch in batches(self.config, self.collector.rings, self.rng):
+            for batch in batches(self.config, self.collector.buffers, self.rng):
                 losses.update(self.agent.update(batch, self.rng))
         return losses
 
@@ -121,7 +121,7 @@ class Rounds:
             self._collect()
             return {}
         robot, td3 = int(waiting[0]), self.config.td3
-        batch = sample([self.collector.rings[robot]], td3.batch_size, td3.n_step, td3.discount, self.rng)
+        batch = sample([self.collector.buffers[robot]], td3.batch_size, td3.n_step, td3.discount, self.rng)
         number = int(self.updates_due[robot] - self.updates_left[robot])
         self.updates_left[robot] -= 1
         return self.agent.update(batch, self.rng, self.agent.each[robot], number)
@@ -166,15 +166,15 @@ class Rounds:
             self._over[:] = False
 
 
-def batches(config: TrainConfig, rings: Sequence[Ring], rng: np.random.Generator) -> Iterator[Batch]:
+def batches(config: TrainConfig, buffers: Sequence[ReplayBuffer], rng: np.random.Generator) -> Iterator[Batch]:
     """Draw the batches of a sweep's updates."""
     td3, updates = config.td3, config.trainer.updates_per_sweep
-    share = -(-td3.batch_size // len(rings))
+    share = -(-td3.batch_size // len(buffers))
     if config.learner.sample_ahead:
-        yield from sample(rings, share * updates, td3.n_step, td3.discount, rng).split(updates)
+        yield from sample(buffers, share * updates, td3.n_step, td3.discount, rng).split(updates)
         return
     for _ in range(updates):
-        yield sample(rings, share, td3.n_step, td3.discount, rng)
+        yield sample(buffers, share, td3.n_step, td3.discount, rng)
 
 
 def make_schedule(

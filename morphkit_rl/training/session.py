@@ -58,19 +58,19 @@ class Session:
         Raises:
             OutputError: The disk is full or the folder cannot be written; the previous checkpoint stays.
         """
-        rings = self.collector.rings
+        buffers = self.collector.buffers
         with checkpoint.writing(run):
             state = {
                 "elapsed_s": elapsed_s,
-                "sweeps": rings[0].added,
-                "segments": replay_segments.save_segments(run, rings),
+                "sweeps": buffers[0].added,
+                "segments": replay_segments.save_segments(run, buffers),
                 "rng": self.rng.bit_generator.state,
                 **self.agent.state(),
                 **self.collector.state(),
                 "schedule": {"name": self.settings.config.trainer.schedule, **self.schedule.state()},
                 "evaluation": self.monitor.state(),
             }
-            environments = {**self.collector.arrays(), **replay_segments.newest_arrays(rings)}
+            environments = {**self.collector.arrays(), **replay_segments.newest_arrays(buffers)}
             checkpoint.save(run, {**self.agent.arrays(), "environments": environments}, state)
 
     def restore(self, run: Path) -> float:
@@ -91,7 +91,7 @@ class Session:
             environments = checkpoint.load_arrays(folder / "environments.safetensors")
             newest = {key: environments.pop(key) for key in list(environments) if key.endswith("/newest")}
             self.collector.restore(environments, state)
-            replay_segments.load_segments(run, state["segments"], newest, self.collector.rings, state["sweeps"])
+            replay_segments.load_segments(run, state["segments"], newest, self.collector.buffers, state["sweeps"])
             self.schedule.restore(state["schedule"])
             self.monitor.restore(state["evaluation"])
             self.rng.bit_generator.state = state["rng"]

@@ -28,7 +28,7 @@ REPORT_SECONDS = 1.0
 
 def train(
     descriptions: Sequence[Description],
-    run: Path,
+    run: str | Path,
     config: TrainConfig,
     *,
     hold_out: Sequence[str] = (),
@@ -64,6 +64,7 @@ def train(
         OutputError: The run folder cannot be written or holds files.
         TrainingError: Losses or actions are no longer finite.
     """
+    run = Path(run)
     trained, validated = run_settings.split(descriptions, hold_out, validation)
     settings = run_settings.RunSettings(
         robots=tuple(trained),
@@ -85,7 +86,7 @@ def train(
 
 
 def resume(
-    run: Path,
+    run: str | Path,
     *,
     minutes: float | None = None,
     steps: int | None = None,
@@ -104,6 +105,7 @@ def resume(
         OutputError: Another process trains there, or the folder cannot be written.
         TrainingError: Losses or actions are no longer finite.
     """
+    run = Path(run)
     settings = run_settings.load(run)
     with alone(run):
         if minutes is not None or steps is not None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import sys
 from collections.abc import Iterator
-from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
 import pytest
@@ -50,10 +49,13 @@ ODD = "no method"
 def other_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """An installed package that adds the method `wide`, and others that cannot be used."""
     (tmp_path / "other_methods.py").write_text(OTHER)
-    monkeypatch.syspath_prepend(tmp_path)
     values = {"wide": "other_methods:METHOD", "odd": "other_methods:ODD", "gone": "no_such_module:METHOD", "smp": "x:Y"}
-    points = EntryPoints(EntryPoint(name, value, methods.GROUP) for name, value in values.items())
-    monkeypatch.setattr(methods, "entry_points", lambda group: points if group == methods.GROUP else EntryPoints())
+    about = tmp_path / "other_methods-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: other-methods\nVersion: 1.0\n")
+    lines = [f"[{methods.GROUP}]", *(f"{name} = {value}" for name, value in values.items())]
+    (about / "entry_points.txt").write_text("\n".join(lines) + "\n")
+    monkeypatch.syspath_prepend(tmp_path)
     find_method.cache_clear()
     yield
     find_method.cache_clear()
@@ -113,6 +115,14 @@ def test_another_package_adds_a_method() -> None:
         == load_config(overrides=["model.method=wide"]).model
     )
     assert figure_style.colour("wide", ["wide"]) == "#123456"
+
+
+@pytest.mark.usefixtures("other_package")
+def test_a_package_that_cannot_be_used_spoils_no_message_about_a_setting() -> None:
+    with pytest.raises(ConfigError, match=r"model\.message_size is a setting of smp, not of limb-former"):
+        load_config(overrides=["model.message_size=3"])
+    with pytest.raises(ConfigError, match=r"unknown setting 'model\.d_modl'; did you mean 'd_model'"):
+        load_config(overrides=["model.d_modl=3"])
 
 
 @pytest.mark.usefixtures("other_package")

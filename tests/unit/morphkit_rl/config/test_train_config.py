@@ -84,7 +84,7 @@ def test_round_trip_through_a_dict() -> None:
         ("td3.taux=0.1", "did you mean 'tau'"),
         ("tdd3.tau=0.1", "did you mean 'td3'"),
         ("td3.tau=fast", "expected float"),
-        ("td3.tau=-1", "at least 0"),
+        ("td3.tau=-1", "from 0 to 1"),
         ("td3.tau=1.5", "from 0 to 1"),
         ("td3.discount=2", "from 0 to 1"),
         ("td3.batch_size=0", "at least 1"),

@@ -74,17 +74,17 @@ def test_noise_of_methods_that_act_by_limb_falls_on_columns_without_a_motor_too(
     train([load("hopper_3")], tmp_path / "run", config("amorpheus"), steps=20)
     session = Session(run_settings.load(tmp_path / "run"))
     session.restore(tmp_path / "run")
-    ring, spec = session.collector.rings[0], session.agent.robots.layout.specs[0]
-    assert ring.action.shape[1] == len(spec.limbs) == len(spec.actuators) + 1
-    assert np.ptp(ring.action[: len(ring)], axis=0).min() > 0.1
-    assert ring.obs.shape[1] == len(spec.sensors)
+    buffer, spec = session.collector.buffers[0], session.agent.robots.layout.specs[0]
+    assert buffer.action.shape[1] == len(spec.limbs) == len(spec.actuators) + 1
+    assert np.ptp(buffer.action[: len(buffer)], axis=0).min() > 0.1
+    assert buffer.obs.shape[1] == len(spec.sensors)
 
 
 def test_a_checkpoint_of_another_method_is_refused(tmp_path: Path) -> None:
     train([load("hopper_3")], tmp_path / "run", config("amorpheus"), steps=12)
     path = tmp_path / "run" / "config.json"
     saved = json.loads(path.read_text())
-    saved["config"]["model"]["method"] = "smp"
+    saved["config"]["model"] = config("smp").to_dict()["model"]
     path.write_text(json.dumps(saved))
     for attempt in (Policy.load, lambda run: resume(run, steps=20)):
         with pytest.raises(CheckpointError, match="method 'amorpheus', but the run says 'smp'"):

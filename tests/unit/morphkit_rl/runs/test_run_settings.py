@@ -112,10 +112,10 @@ def test_a_diverging_simulation_is_counted_and_poisons_nothing(
     assert read_metrics(run)[-1]["diverged"] > 0
     session = Session(run_settings.load(run))
     session.restore(run)
-    for ring in session.collector.rings:
+    for buffer in session.collector.buffers:
         for name in ("obs", "action", "reward", "newest"):
-            assert np.isfinite(getattr(ring, name)).all()
-        assert np.isfinite(ring.finals.obs).all()
+            assert np.isfinite(getattr(buffer, name)).all()
+        assert np.isfinite(buffer.finals.obs).all()
     assert all(torch.isfinite(p).all() for net in session.agent.learner.networks().values() for p in net.parameters())
     assert np.isfinite(session.agent.normalizer.mean).all()
     (result,) = evaluate(run, [explosive], episodes=2)
@@ -150,7 +150,7 @@ def test_no_checkpoint_is_written_once_a_loss_is_not_finite(tmp_path: Path) -> N
 def test_no_checkpoint_is_written_once_a_weight_is_not_finite(tmp_path: Path) -> None:
     """The loss of the update that spoils the weights is still finite."""
     with pytest.raises(TrainingError, match="weights of critic are not finite after 10 steps"):
-        train([load("hopper_3")], tmp_path / "wild", config("td3.learning_rate=1e39"), steps=10)
+        train([load("hopper_3")], tmp_path / "wild", config("learner.critic_learning_rate=1e39"), steps=10)
     assert not checkpoint.has_checkpoint(tmp_path / "wild")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,12 +22,13 @@ from morphkit_rl.training.schedules import Rounds, Sweeps
 from morphkit_rl.training.session import Session
 from tests.support.networks import tiny_overrides
 
-TINY = ("model.d_model=16", "model.layers=1", "model.feedforward=16", "td3.batch_size=4", "trainer.precision=float32")
+TINY = ("td3.batch_size=4", "trainer.precision=float32")
+TINY_MODEL = ("model.d_model=16", "model.layers=1", "model.feedforward=16")
 
 
-def session(*names: str, overrides: tuple[str, ...] = (), seed: int = 0) -> Session:
+def session(*names: str, overrides: tuple[str, ...] = (), model: Sequence[str] = TINY_MODEL, seed: int = 0) -> Session:
     robots = tuple(load(name) for name in names)
-    config = load_config(overrides=[*TINY, *overrides])
+    config = load_config(overrides=[*TINY, *model, *overrides])
     return Session(RunSettings(robots, (), (), config, None, None, seed, None, 1000, "cpu", 1))
 
 
@@ -40,7 +42,7 @@ def content(one: Session) -> dict[str, Any]:
     """Everything that a continuation depends on."""
     groups = {**one.agent.arrays(), "environments": one.collector.arrays()}
     arrays = {f"{group}/{key}": np.array(a) for group, part in groups.items() for key, a in part.items()}
-    drawn = [ring.sample(20, 2, 0.9, np.random.default_rng(0)) for ring in one.collector.rings if len(ring)]
+    drawn = [buffer.sample(20, 2, 0.9, np.random.default_rng(0)) for buffer in one.collector.buffers if len(buffer)]
     arrays.update({f"replay/{number}": np.hstack([a.ravel() for a in part]) for number, part in enumerate(drawn)})
     state = {**one.agent.state(), **one.collector.state(), **one.schedule.state(), "rng": one.rng.bit_generator.state}
     return {**arrays, "state": json.dumps(state)}
@@ -110,7 +112,7 @@ def test_a_round_is_an_episode_of_every_robot_then_equal_shares_of_as_many_updat
         while schedule.updates_left.any():
             schedule.advance()
         assert trained_on == [(robot, number) for robot in range(2) for number in range(shares[robot])]
-    assert collector.real_steps == 2 * collector.rings[0].added > collector.steps
+    assert collector.real_steps == 2 * collector.buffers[0].added > collector.steps
     assert one.agent.learner.updates == collector.steps
     assert unlike > 2, "episodes as long as each other would not tell how updates are shared"
 
@@ -121,9 +123,9 @@ def test_no_sum_of_rewards_reaches_over_the_end_of_a_round() -> None:
     assert isinstance(schedule, Rounds)
     while not schedule.updates_left.any():
         schedule.advance()
-    for ring in one.collector.rings:
-        assert ring.ended[ring.added - 1]
-        assert ring.finals.numbers[-1] == ring.added - 1
+    for buffer in one.collector.buffers:
+        assert buffer.ended[buffer.added - 1]
+        assert buffer.finals.numbers[-1] == buffer.added - 1
 
 
 def test_a_round_with_several_environments_waits_for_all_of_them() -> None:
@@ -133,7 +135,7 @@ def test_a_round_with_several_environments_waits_for_all_of_them() -> None:
     while not schedule.updates_left.any():
         schedule.advance()
     assert one.collector.episodes == 3
-    assert one.collector.rings[0].added <= schedule.updates_left[0] <= one.collector.real_steps
+    assert one.collector.buffers[0].added <= schedule.updates_left[0] <= one.collector.real_steps
 
 
 @pytest.mark.parametrize("pieces", [7, 80])
@@ -211,8 +213,8 @@ WAITING = {f"aten.{name}" for name in ("_local_scalar_dense", "nonzero", "bincou
 
 @pytest.mark.parametrize("method", method_names())
 def test_collecting_and_learning_wait_for_a_device_only_to_fetch_actions(method: str) -> None:
-    small = ("trainer.num_envs=2", "trainer.start_steps=4", *tiny_overrides(method))
-    one = run_on(session("hopper", "hopper_3", overrides=small), 3)
+    small = ("trainer.num_envs=2", "trainer.start_steps=4")
+    one = run_on(session("hopper", "hopper_3", overrides=small, model=tiny_overrides(method)), 3)
     with Operations() as operations:
         one.schedule.advance()
     assert operations.seen
