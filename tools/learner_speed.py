@@ -26,8 +26,8 @@ import numpy as np
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
+from morphkit.description import Description
 from morphkit.registry import load
-from morphkit.tokens.spec import TokenSpec
 from morphkit_rl.algorithms.agent import Agent
 from morphkit_rl.benchmark.bodies import members
 from morphkit_rl.benchmark.definition import load_benchmark
@@ -106,7 +106,7 @@ class Learner:
     def __init__(self, number: int, config: TrainConfig):
         torch.manual_seed(0)
         self.config, self.rng = config, np.random.default_rng(0)
-        specs = [_spec(name, config) for name in _names(number)]
+        specs = [run_settings.prepare_robot(config, body).spec for body in _bodies(number)]
         self.agent = Agent(config, specs, "cpu")
         self.precision = self.agent.learner.precision
         self.batch_size = -(-config.td3.batch_size // len(specs)) * len(specs)
@@ -192,14 +192,9 @@ def _forget() -> None:
     library.function.cache_clear()
 
 
-def _names(number: int) -> tuple[str, ...]:
-    return {1: ("quadruped",), 4: WALKERS, 12: CHEETAHS}.get(number) or tuple(
-        member.name for member in members(load_benchmark())
-    )
-
-
-def _spec(name: str, config: TrainConfig) -> TokenSpec:
-    return run_settings.prepare_robot(config, load(name)).spec
+def _bodies(number: int) -> list[Description]:
+    names = {1: ("quadruped",), 4: WALKERS, 12: CHEETAHS}.get(number)
+    return [load(name) for name in names] if names else [member.description for member in members(load_benchmark())]
 
 
 if __name__ == "__main__":

@@ -30,8 +30,8 @@ class TD3:
     Args:
         model: Size of the networks.
         config: Hyperparameters.
-        learner: Critics, their loss and step sizes; default: those of TD3 and the method.
         embedding_size: Size of a token's text embedding.
+        learner: Critics, their loss and step sizes; default: those of TD3 and the method.
         vocabulary: What the method must know of the training robots.
         tune: Makes a network's own text embeddings; None: they are frozen.
         device: Where the networks live.
@@ -100,51 +100,57 @@ class TD3:
         Returns:
             Scalars: `critic_loss` and `q_mean`, with `actor_loss` where the actor was updated.
         """
-        obs = normalize(self._tensor(batch.obs), scale, shift)
-        next_obs = normalize(self._tensor(batch.next_obs), scale, shift)
-        action = self._tensor(batch.action)
-        drawn = rng.standard_normal(action.shape, dtype=np.float32) * self.config.target_noise
-        noise = self._tensor(drawn.clip(-self.config.target_noise_clip, self.config.target_noise_clip))
+        obs, next_obs = (normalize(self._tensor(rows), scale, shift) for rows in (batch.obs, batch.next_obs))
         robot = self.critic.value_robot(layout)
         values = robot.new_zeros(layout.num_robots).index_add(0, robot, torch.ones_like(robot))  # bincount would wait
         share = 1 / (layout.num_robots * values[robot])
-        with torch.no_grad():
-            next_action = (self.actor_target(next_obs, layout) + noise).clamp(-1, 1)
-            next_output = self.critic_target(next_obs, next_action, layout)
-            scale_of_rewards = self.config.reward_scale * (1.0 if reward_scale is None else reward_scale)
-            reward = self._tensor(batch.reward) * scale_of_rewards
-            target = self.critic_loss.target(next_output, reward[:, robot], self._tensor(batch.discount)[:, robot])
-        output = self.critic(obs, action, layout)
+        factor = self.config.reward_scale * (1.0 if reward_scale is None else reward_scale)
+        reward = self._tensor(batch.reward) * factor
+        target = self._target(next_obs, reward[:, robot], self._tensor(batch.discount)[:, robot], layout, rng)
+        output = self.critic(obs, self._tensor(batch.action), layout)
         critic_loss = (self.critic_loss.error(output, target).mean(1) * share).sum()
         self._step(critic_loss, self.critic_optimizer, self.critic)
-        q = self.critic_loss.expectation(output.detach())
         unscaled = share if reward_scale is None else share / reward_scale[robot]
+        q = self.critic_loss.expectation(output.detach()).mean((0, 1))
         losses = {
             "critic_loss": critic_loss.detach(),
-            "q_mean": (q.mean((0, 1)) * unscaled).sum() / self.config.reward_scale,
+            "q_mean": (q * unscaled).sum() / self.config.reward_scale,
         }
         first = 0 if self.config.actor_first else self.config.policy_delay - 1
         if (self.updates if number is None else number) % self.config.policy_delay == first:
-            self.critic.requires_grad_(False)
-            actor_action = self.actor(obs, layout)
-            members = 1 if self.options.actor_objective == "first" else 2
-            q = self.critic_loss.expectation(self.critic(obs, actor_action, layout, members=members)).mean(0)
-            self.critic.requires_grad_(True)
-            actor_loss = -(q.mean(0) * share).sum()
-            if self.config.saturation_penalty > 0:
-                actor_loss = actor_loss + self.config.saturation_penalty * saturation(
-                    actor_action, self.options.saturation_margin
-                )
-            self._step(actor_loss, self.actor_optimizer, self.actor)
-            losses["actor_loss"] = actor_loss.detach()
-            for target_net, net in ((self.actor_target, self.actor), (self.critic_target, self.critic)):
-                polyak(target_net, net, self.config.tau)
-            if self.actor_average is not None:
-                polyak(self.actor_average, self.actor, 1 - self.options.actor_average)
+            losses["actor_loss"] = self._update_actor(obs, layout, share)
+            polyak(self.actor_target, self.actor, self.config.tau)
+            polyak(self.critic_target, self.critic, self.config.tau)
         self.updates += 1
         if self.config.reset_updates and self.updates % self.config.reset_updates == 0:
             self._reset(rng)
         return losses
+
+    @torch.no_grad()
+    def _target(
+        self, next_obs: Tensor, reward: Tensor, discount: Tensor, layout: Layout, rng: np.random.Generator
+    ) -> Tensor:
+        """What the critics learn, from the targets' action with noise on it."""
+        shape = len(next_obs), layout.num_actions
+        drawn = rng.standard_normal(shape, dtype=np.float32) * self.config.target_noise
+        noise = self._tensor(drawn.clip(-self.config.target_noise_clip, self.config.target_noise_clip))
+        next_action = (self.actor_target(next_obs, layout) + noise).clamp(-1, 1)
+        return self.critic_loss.target(self.critic_target(next_obs, next_action, layout), reward, discount)
+
+    def _update_actor(self, obs: Tensor, layout: Layout, share: Tensor) -> Tensor:
+        """Climb the critics; the loss."""
+        members = 1 if self.options.actor_objective == "first" else 2
+        self.critic.requires_grad_(False)
+        action = self.actor(obs, layout)
+        q = self.critic_loss.expectation(self.critic(obs, action, layout, members=members)).mean(0)
+        self.critic.requires_grad_(True)
+        loss = -(q.mean(0) * share).sum()
+        if self.config.saturation_penalty > 0:
+            loss = loss + self.config.saturation_penalty * saturation(action, self.options.saturation_margin)
+        self._step(loss, self.actor_optimizer, self.actor)
+        if self.actor_average is not None:
+            polyak(self.actor_average, self.actor, 1 - self.options.actor_average)
+        return loss.detach()
 
     @torch.no_grad()
     def act(

@@ -16,6 +16,7 @@ import shutil
 import signal
 import subprocess
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Sequence
 from importlib import resources
@@ -41,6 +42,7 @@ _SOURCES = (
 _HEADERS = ("product.h", "rows.h", "layer.h")
 _FLAGS = ("-std=c++17", "-O3", "-march=native", "-fPIC")
 _TIMEOUT_S = 60
+_OPENING = threading.Lock()
 
 
 @functools.cache
@@ -49,10 +51,22 @@ def load() -> ctypes.CDLL | None:
     if os.environ.get(SWITCH) == "0" or not _suits_processor():
         return None
     try:
-        return _open()
+        with _OPENING:  # Who comes second finds what the first has made.
+            return _open()
     except (OSError, ValueError, subprocess.SubprocessError) as error:
         logger.info("computing without compiled kernels: %s", error)
         return None
+
+
+def prepare() -> threading.Thread:
+    """Begin to make the kernels while something else is done; `load` waits for them.
+
+    Returns:
+        The thread that does it.
+    """
+    thread = threading.Thread(target=load, name="morphkit-kernels")
+    thread.start()
+    return thread
 
 
 @functools.cache

@@ -75,7 +75,6 @@ class Packed {
             const auto [k, n] = shape(p, matrix);
             thread_local Buffer buffer;
             T* narrowed = buffer.of<T>(k * n);
-            std::fill(narrowed, narrowed + k * n, T());
             if (matrix < p.layers)
                 copy(parameters[p.hidden(matrix + 1, WEIGHT)] + member * k * n, k * n, narrowed);
             else if (matrix == p.layers)
@@ -229,12 +228,11 @@ class Network {
         return out;
     }
     static void copy_exactly(const float* x, Index n, T* out) {
+        Index i = 0;
+        for (; i + LANES <= n; i += LANES) store(out + i, load(x + i));
         T part[LANES];
-        for (Index i = 0; i < n; i += LANES) {
-            const Index count = std::min(LANES, n - i);
-            copy_part(x + i, count, part);
-            std::copy_n(part, count, out + i);
-        }
+        copy_part(x + i, n - i, part);
+        std::copy_n(part, n - i, out + i);
     }
     static void add_part(const T* x, Index count, float* sum) {
         if (count == LANES) return add(x, LANES, sum);

@@ -9,6 +9,7 @@ import torch
 
 from morphkit.errors import CheckpointError, ConfigError
 from morphkit_rl.algorithms.agent import Agent
+from morphkit_rl.kernels import library
 from morphkit_rl.runs import checkpoint, replay_segments, run_settings
 from morphkit_rl.training.collector import Collector
 from morphkit_rl.training.periodic_evaluation import Monitor
@@ -40,6 +41,7 @@ class Session:
                 raise ConfigError(
                     f"{robot.name}: has no actuators, so there is nothing to learn; add motors or leave it out"
                 )
+        library.prepare()  # Actions are random at first, so that nobody waits.
         torch.manual_seed(settings.seed)
         self.rng = np.random.default_rng([settings.seed, 1])
         self.agent = Agent(config, [robot.spec for robot in robots], settings.device)

@@ -7,6 +7,7 @@ import functools
 import os
 import select
 import subprocess
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -305,6 +306,24 @@ def test_what_needs_no_gradient_gets_none_and_changes_no_other() -> None:
     layer.requires_grad_(False)
     (alone,) = torch.autograd.grad(layer(x, spans((4,))).square().sum(), x)
     assert torch.equal(whole, alone)
+
+
+def test_kernels_that_are_being_made_are_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+
+    def make() -> object:
+        made.append(object())
+        time.sleep(0.2)
+        return made[0]
+
+    monkeypatch.setattr(library, "load", functools.cache(library.load.__wrapped__))
+    monkeypatch.setattr(library, "_suits_processor", lambda: True)
+    monkeypatch.setattr(library, "_open", lambda: made[0] if made else make())
+    monkeypatch.delenv(library.SWITCH, raising=False)
+    thread = library.prepare()
+    assert library.load() is made[0]
+    thread.join()
+    assert len(made) == 1
 
 
 @compiled

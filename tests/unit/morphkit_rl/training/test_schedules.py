@@ -15,10 +15,11 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from morphkit.registry import load
+from morphkit_rl.buffers.replay_buffer import Batch, sample
 from morphkit_rl.config.methods import method_names
 from morphkit_rl.config.train_config import TrainConfig, load_config
 from morphkit_rl.runs.run_settings import RunSettings
-from morphkit_rl.training.schedules import Rounds, Sweeps
+from morphkit_rl.training.schedules import Rounds, Sweeps, batches
 from morphkit_rl.training.session import Session
 from tests.support.networks import tiny_overrides
 
@@ -219,3 +220,57 @@ def test_collecting_and_learning_wait_for_a_device_only_to_fetch_actions(method:
         one.schedule.advance()
     assert operations.seen
     assert {name: count for name, count in operations.seen.items() if count and name in WAITING} == {}
+
+
+def test_noise_differs_from_environment_to_environment_of_a_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+    spread = ("td3.exploration_noise=0.2", "learner.noise_spread=0.15", "trainer.num_envs=4", "trainer.start_steps=4")
+    one = session("arm", overrides=(*spread, "trainer.updates_per_sweep=1"))
+    taken = []
+    advance = one.collector.advance
+    monkeypatch.setattr(one.collector, "advance", lambda action: taken.append(action) or advance(action))
+    monkeypatch.setattr(one.agent, "act", lambda obs: np.zeros((4, one.collector.layout.num_actions), np.float32))
+    run_on(one, 401)
+    levels = np.stack(taken[1:]).std((0, 2))
+    np.testing.assert_allclose(levels, [0.05, 0.15, 0.25, 0.35], rtol=0.08)
+
+
+def test_batches_drawn_ahead_are_parts_of_one_draw_and_as_many_and_large_as_otherwise() -> None:
+    one = run_on(session("hopper", "arm", overrides=("trainer.start_steps=1000000", "td3.batch_size=6")), 20)
+    config, rings = one.settings.config, one.collector.rings
+    ahead, apart = (replace(config, learner=replace(config.learner, sample_ahead=way)) for way in (True, False))
+    together = list(batches(ahead, rings, np.random.default_rng(3)))
+    single = list(batches(apart, rings, np.random.default_rng(3)))
+    updates = config.trainer.updates_per_sweep
+    assert [len(batch.obs) for batch in together] == [len(batch.obs) for batch in single] == [3] * updates
+    whole = sample(rings, 3 * updates, config.td3.n_step, config.td3.discount, np.random.default_rng(3))
+    for name in Batch.__slots__:
+        np.testing.assert_array_equal(np.concatenate([getattr(b, name) for b in together]), getattr(whole, name))
+
+
+def test_returns_are_counted_with_the_ends_of_episodes(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = session("hopper", overrides=("trainer.start_steps=1000000", "trainer.num_envs=3"))
+    assert one.agent.returns is not None
+    running, seen, steps, store = np.zeros(3), [], [], one.collector.store
+    monkeypatch.setattr(one.collector, "store", lambda action, step: steps.append(step) or store(action, step))
+    run_on(one, 60)
+    for step in steps:
+        running = one.settings.config.td3.discount * running + step.reward[0]
+        seen.append(running.copy())
+        running[step.terminated[0] | step.truncated[0]] = 0
+    assert any(step.terminated[0].any() for step in steps)
+    np.testing.assert_allclose(one.agent.returns.running[0], running)
+    divisor = max(np.std(seen), np.abs(seen).max() / one.settings.config.learner.support)
+    np.testing.assert_allclose(one.agent.returns.scale(), 1 / divisor, rtol=1e-5)
+
+
+def test_updates_take_the_scale_of_the_robots_that_they_are_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = run_on(session("hopper", "arm", overrides=("trainer.start_steps=1000000",)), 20)
+    given = []
+    monkeypatch.setattr(one.agent.learner, "update", lambda *rest: given.append(rest[-1].tolist()) or {})
+    one.agent.refresh()
+    for view in (one.agent.robots, *one.agent.each):
+        one.agent.update(next(iter(batches(one.settings.config, one.collector.rings, one.rng))), one.rng, view)
+    assert one.agent.returns is not None
+    scales = one.agent.returns.scale().tolist()
+    assert given == [scales, scales[:1], scales[1:]]
+    assert scales[0] != scales[1]
