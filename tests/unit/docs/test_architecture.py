@@ -53,4 +53,8 @@ def test_the_reference_has_every_public_name() -> None:
     for package in ("morphkit", "morphkit_rl"):
         page = (ROOT / "docs" / "api" / f"{package}.md").read_text(encoding="utf-8")
         shown = {line.rpartition(".")[2] for line in page.splitlines() if line.startswith("::: ")}
-        assert shown | {"__version__", "families"} == {*importlib.import_module(package).__all__, "__version__", "families"}
+        assert shown | {"__version__", "families"} == {
+            *importlib.import_module(package).__all__,
+            "__version__",
+            "families",
+        }
