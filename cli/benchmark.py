@@ -137,7 +137,7 @@ def report(
         Path | None, typer.Option(metavar="FOLDER", help="Folder of the report.", show_default="DIR/report")
     ] = None,
 ) -> None:
-    """Write tables and figures of a matrix, half-done or whole, beside the published numbers.
+    """Write tables and figures of a matrix, half-done or whole, next to the published numbers.
 
     report.md to read; cells.csv, robots.csv, tasks.csv and report.json for programs; learning curves and zero-shot
     bars of each split as PNG. Cells that are missing are marked, and every number says how many seeds it is of.

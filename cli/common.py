@@ -149,7 +149,7 @@ def load_bodies(targets: Sequence[str], xacro_args: Sequence[str] | None = None)
 
 
 def _differ(one: Description, other: Description) -> bool:
-    """Whether two bodies are different, in what their files say or in files that these name beside them."""
+    """Whether two bodies are different, in what their files say or in files that these name next to them."""
     if one.source != other.source:
         return True
     apart = (one.folder and one.folder.resolve()) != (other.folder and other.folder.resolve())

@@ -49,7 +49,7 @@ def convert(
 ) -> None:
     """Convert a URDF into an MJCF that MuJoCo simulates: with motors, limits, mimics, meshes and all fixed links.
 
-    What was added or changed is listed, and what stands in the URDF and has no counterpart in MJCF.
+    What was added or changed is listed, and what is in the URDF and has no counterpart in MJCF.
     """
     from morphkit.conversion.convert import convert as convert_description
     from morphkit.conversion.write import check_target, write_conversion
@@ -105,7 +105,7 @@ def _text(conversion: Conversion, written: Sequence[Path]) -> str:
 
 
 def _grouped(missing: Sequence[Missing]) -> list[tuple[str, str, str, str]]:
-    """One row a kind and reason, with the first names; numbers in brackets differ and stand in the JSON."""
+    """One row a kind and reason, with the first names; numbers in brackets differ and are in the JSON."""
     groups: dict[tuple[str, str], list[str]] = {}
     for each in missing:
         reason = each.reason.partition(" (")[0]

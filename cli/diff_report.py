@@ -26,7 +26,7 @@ _Node = tuple[bool, str]
 
 
 def render(comparison: Comparison) -> RenderableType:
-    """What `morphkit diff` prints: both robots in numbers, then the tree. Signs tell what colours tell."""
+    """What `morphkit diff` prints: both robots in numbers, then the tree. Signs tell what colors tell."""
     parts: list[RenderableType] = [_numbers(comparison), Text()]
     if comparison.equal:
         return Group(*parts, Text("no difference in limbs, joints, actuators, masses and tokens", style=_NEW))

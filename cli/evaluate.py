@@ -1,4 +1,4 @@
-"""`morphkit evaluate`: what a trained policy is worth, beside a random one."""
+"""`morphkit evaluate`: what a trained policy is worth, compared with a random one."""
 
 from __future__ import annotations
 
@@ -48,10 +48,10 @@ def evaluate(
     xacro_arg: common.XacroArgOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, with the return of every episode.")] = False,
 ) -> None:
-    """Run a trained policy on bodies, trained on or never seen, beside a random policy.
+    """Run a trained policy on bodies, trained on or never seen, compared with a random policy.
 
     Prints the mean return over noise-free episodes; the random policy's mean with its 95 %
-    bootstrap interval; and the normalised score (return - random) / (expert - random) of bodies
+    bootstrap interval; and the normalized score (return - random) / (expert - random) of bodies
     whose expert return is known.
     """
     if video is not None:

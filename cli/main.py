@@ -115,7 +115,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line.
 
     Args:
-        arguments: What stands behind `morphkit`; None for those of the process.
+        arguments: The words after `morphkit`; None for those of the process.
 
     Returns:
         Exit code: 0 fine, 1 findings or a failed run, 2 wrong usage or bad input, 130 interrupted.

@@ -22,7 +22,7 @@ def tree(
 ) -> Tree:
     """The limbs of a robot as a tree for rich: types, masses, joints with their ranges, actuators with theirs.
 
-    Angles are in degrees, lengths in metres. Actuators that drive no single limb stand at the end.
+    Angles are in degrees, lengths in meters. Actuators that drive no single limb are at the end.
 
     Args:
         morphology: The robot.

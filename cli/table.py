@@ -31,7 +31,7 @@ def table(
     Args:
         columns: Headings.
         rows: Cells, one a column.
-        right: Headings of the columns that stand at the right.
+        right: Headings of the columns that are aligned right.
         dispensable: Headings of the columns that a narrow terminal does without, the first of them first.
         fold: Whether the last column may take several lines.
         width: Columns to fit into, as far as leaving out and folding can do it; None for no bound.

@@ -1,4 +1,4 @@
-"""Coloured text on stdout."""
+"""Colored text on stdout."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _UNBROKEN = 10_000
 
 
 def show(what: RenderableType) -> None:
-    """Print what rich can draw: in colour on a terminal unless NO_COLOR is set, in whole lines into a pipe or file."""
+    """Print what rich can draw: in color on a terminal unless NO_COLOR is set, in whole lines into a pipe or file."""
     from rich.console import Console
 
     width = None if sys.stdout.isatty() else _UNBROKEN

@@ -1,4 +1,4 @@
-"""A robot description: the bytes of a URDF or MJCF file and what stands beside it."""
+"""A robot description: the bytes of a URDF or MJCF file and what is known about it."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from morphkit.morphology import Base, Format, Morphology
 
 @dataclass(frozen=True, slots=True)
 class RobotInfo:
-    """What learning needs to know of a robot beside its file; from `robot.toml` or a manifest.
+    """What learning needs to know of a robot besides its file; from `robot.toml` or a manifest.
 
     Attributes:
         description: One line for people.
-        license: SPDX identifier of the file's licence.
+        license: SPDX identifier of the file's license.
         source: Where the robot's numbers come from.
         family: Name of the family; robots of a family share type words.
         type_words: One group of words a limb type, in the order of the `type_*` tokens.
@@ -27,7 +27,7 @@ class RobotInfo:
         task: Name of the task that the robot is meant for.
         base: How the root is attached to the world, where the file leaves it open.
         healthy_height: Overrides the task's healthy height of the root, m.
-        expert_return: Return of a single-robot expert, to normalise scores with.
+        expert_return: Return of a single-robot expert, to normalize scores with.
     """
 
     description: str = ""
@@ -54,7 +54,7 @@ class Description:
         format: `urdf` or `mjcf`, from the root element.
         source: The bytes of the file.
         folder: Where relative paths of meshes and includes start; None for a description without assets.
-        info: What stands in `robot.toml` or in the manifest.
+        info: What is in `robot.toml` or in the manifest.
         root: Name of the top-level body or link to take, where the file has several.
         packages: Folder of each ROS package or Gazebo model that the user named, by name.
         document: What `source` was parsed to, once somebody has asked; see `formats.document.document_of`.

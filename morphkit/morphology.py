@@ -59,7 +59,7 @@ class Actuator:
         joint: The joint that it drives; None where it drives no single joint.
         low: Lower bound of the control, -inf where unbounded.
         high: Upper bound of the control, inf where unbounded.
-        unit: Unit of the control: `1` for a normalised motor (gear other than 1), else `N*m`, `N`, `rad`, `m`, ...
+        unit: Unit of the control: `1` for a normalized motor (gear other than 1), else `N*m`, `N`, `rad`, `m`, ...
     """
 
     name: str
@@ -144,7 +144,7 @@ class Morphology:
         type_words: One group of words a limb type; the order is that of the one-hot `type_*` tokens.
         labels: What tokens call limbs whose own names read like others', by limb name; see `naming.numbered_labels`.
         origins: Where the names of bodies (links), joints, actuators and sensors come from, kind by kind in file order.
-            Where a robot stands in its file does not make it another: they do not count in comparisons.
+            Where a robot is in its file does not make it another: they do not count in comparisons.
     """
 
     name: str

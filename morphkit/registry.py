@@ -37,11 +37,12 @@ def load(
         xacro_args: Values of a xacro file's arguments, by name.
 
     Returns:
-        The description. What stands in a `robot.toml` or `manifest.json` beside a file that names the file goes along.
+        The description. It holds what a `robot.toml` or `manifest.json` in the same folder says of the file.
 
     Raises:
         UnknownNameError: There is no such robot and no such file; the message names the nearest.
-        DescriptionError: The file is empty, not XML, or neither URDF nor MJCF, or what stands beside it is damaged.
+        DescriptionError: The file is empty, not XML, or neither URDF nor MJCF, or its `robot.toml` or manifest is
+            damaged.
         DependencyError: A xacro file, and the library that expands it is not installed.
         ConfigError: There are `xacro_args`, and the file is no xacro file.
     """
@@ -176,7 +177,7 @@ def _load_folder(folder: Path, root: str | None) -> list[Description]:
 
 
 def _load_file(path: Path, root: str | None) -> Description:
-    """Load a description file together with what a `robot.toml` or a manifest beside it says about it."""
+    """Load a description file together with what a `robot.toml` or a manifest next to it says about it."""
     beside = path.parent / FILE_NAME
     if beside.is_file():
         toml = read_robot_toml(beside)

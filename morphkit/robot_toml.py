@@ -1,4 +1,4 @@
-"""`robot.toml`: what stands beside a robot's file, read and checked."""
+"""`robot.toml`: what is known of a robot besides its file, read and checked."""
 
 from __future__ import annotations
 

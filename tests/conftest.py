@@ -13,7 +13,7 @@ from morphkit.description import Description
 
 @pytest.hookimpl(trylast=True)
 def pytest_configure() -> None:
-    """Forget what a machine may have set: colours for a CI system's logs (pytest has set up its own by now) and ROS."""
+    """Forget what a machine may have set: colors for a CI system's logs (pytest has set up its own by now) and ROS."""
     for name in ("FORCE_COLOR", "TTY_COMPATIBLE", "ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
         os.environ.pop(name, None)
 

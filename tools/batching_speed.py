@@ -1,4 +1,4 @@
-"""Updates a second of the default preset with all robots in one row, beside one robot after another.
+"""Updates a second of the default preset with all robots in one row, compared with one robot after another.
 
 12 cheetah bodies, the preset's own batch size. The yardstick gives every robot its share of the batch in an update of
 its own, in the order that the published code uses, and twelve of them count as one. The two take turns; medians are

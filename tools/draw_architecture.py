@@ -84,7 +84,7 @@ def summary(room: str) -> str:
 
 
 def caption(room: str) -> str:
-    """What a room is for, as short as fits beside its box."""
+    """What a room is for, as short as fits next to its box."""
     head, colon, rest = summary(room).replace("`", "").rstrip(".").partition(": ")
     text = rest if colon and head.lower() == room.rpartition(".")[2] else head
     return textwrap.shorten(text, _CAPTION, placeholder=" ...")

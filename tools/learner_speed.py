@@ -1,4 +1,4 @@
-"""Samples a second that presets learn from, beside the default of before, and the share of the processor's peak.
+"""Samples a second that presets learn from, compared with the default of before, and the share of the processor's peak.
 
 One robot of a user's own (the quadruped), 4 walkers, 12 cheetahs, all 32 bodies of the benchmark; one and two threads.
 A replay of random transitions is sampled and learned from as in training, without the environments. The presets take

@@ -1,6 +1,6 @@
 """Memory of a replay of 10 million transitions over all 32 bodies of the benchmark, and what half precision costs.
 
-Printed for each number format: bytes of all arrays, beside those of a replay that stores next observations too; memory
+Printed for each number format: bytes of all arrays, and of a replay that stores next observations too; memory
 that the process takes for the empty replay and for what a random policy filled of it; bytes of final observations if
 the whole replay were filled so; and the largest and mean errors of stored observations, in the tokens' own units.
 

@@ -1,8 +1,8 @@
-"""Time of a TD3 update of the published methods, beside the same methods written plainly in float32.
+"""Time of a TD3 update of the published methods, compared with the same methods written plainly in float32.
 
 Seven limbs of 19 scalars, batch 100, the sizes of the paper presets; same weights, same batches, one process. The
 yardsticks are in published_baselines.py. Ours and theirs take turns; medians over turns are printed, with the ratio.
-Beside each precision stands the relative error of the actions and of all parameters' gradients (critics', actor's)
+Each precision is followed by the relative error of the actions and of all parameters' gradients (critics', actor's)
 against float64, and the most memory that an update held at once. Embeddings of MA-BERT are random numbers of BERT's
 size, which changes no time.
 

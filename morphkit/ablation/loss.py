@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """Something that a cut removed or changed beside the limbs themselves.
+    """Something that a cut removed or changed besides the limbs themselves.
 
     Attributes:
         kind: What it was: `joint`, `actuator`, `sensor`, `tendon`, `keyframe`, `transmission`, `format`, ...

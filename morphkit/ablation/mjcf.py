@@ -48,7 +48,7 @@ def cut(
         bones: The bodies that a skin's file names, by the skin's reference to it.
 
     Returns:
-        What went beside the bodies themselves.
+        What went besides the bodies themselves.
     """
     numbers = layout.number(root)
     before = cameras(root)
@@ -70,7 +70,7 @@ def cut(
 
 
 def _splice(root: Any, group: list[Any]) -> None:
-    """Take `group` out of the tree, bodies first that stand higher; what hangs on them moves up."""
+    """Take `group` out of the tree, bodies first that are higher up; what hangs on them moves up."""
     angles = read_angles(root)
     defaults = Defaults(root)
     inside = {id(body) for body in group}

@@ -61,7 +61,7 @@ class MjcfFile:
         return body_parents(self.bodies)
 
     def cut(self, plan: Plan) -> list[Loss]:
-        """Edit the file; return what went beside the bodies themselves."""
+        """Edit the file; return what went besides the bodies themselves."""
         root = self.source.root
         lost = cut(root, self.bodies, plan, self.layout, self.bones)
         return [*lost, *keep_names(root, self.description, self.given, spliced=bool(plan.splice))]
@@ -96,7 +96,7 @@ class MjcfOpener:
         return file
 
     def positions(self, base: str) -> Positions:
-        """Where the bodies below `base` stand in the file's rest pose; none where the file does not spell it out."""
+        """Where the bodies below `base` are in the file's rest pose; none where the file does not spell it out."""
         file = self.open([])
         return mjcf_positions(file.source.root, file.bodies, base) if base in file.bodies else {}
 
@@ -149,7 +149,7 @@ def _with(description: Description, document: Document) -> Description:
 
 
 def _reachable(file: MjcfFile, wanted: Sequence[str]) -> bool:
-    """Whether all bodies `wanted` stand in the file, and nothing around or below them has to be expanded."""
+    """Whether all bodies `wanted` are in the file, and nothing around or below them has to be expanded."""
     if any(name not in file.bodies or next(file.bodies[name].iter(*EXPANDERS), None) is not None for name in wanted):
         return False
     return not any(above.tag in EXPANDERS for name in wanted for above in file.bodies[name].iterancestors())

@@ -177,7 +177,7 @@ def _strip(root: Any) -> None:
         if element.get("type") in _MESH_TYPES:
             element.set("type", "sphere")
         if element.tag == "geom" and element.getparent().tag not in _USES_OF_GEOMS:
-            element.set("size", "0.1 0.1 0.1")  # whatever stands there, which MuJoCo may refuse
+            element.set("size", "0.1 0.1 0.1")  # whatever is there, which MuJoCo may refuse
     for element in list(root.iterfind("deformable/skin")) + list(root.iterfind("default//material")):
         element.getparent().remove(element)
     # Stand-ins have no proper inertia; the last word of several compiler sections counts.

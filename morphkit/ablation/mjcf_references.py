@@ -21,7 +21,7 @@ _RECORDED_PARTS = ("joint", "freejoint", "site", "camera", "light")
 
 
 def collect(body: Any, name: str, limb: str, removed: Removed) -> Iterator[Loss]:
-    """Enter what stands in `body`, its child bodies aside, into `removed`; yield what is worth recording of it.
+    """Enter what is in `body`, its child bodies aside, into `removed`; yield what is worth recording of it.
 
     Args:
         body: The element that goes.

@@ -27,7 +27,7 @@ class EditableFile(Protocol):
         """Parent of every body or link in file order; None at the top."""
 
     def cut(self, plan: Plan) -> list[Loss]:
-        """Edit the file; return what went beside the limbs themselves."""
+        """Edit the file; return what went besides the limbs themselves."""
 
 
 class Opener(Protocol):

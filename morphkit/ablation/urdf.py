@@ -45,7 +45,7 @@ def cut(root: Any, plan: Plan, given: Given) -> list[Loss]:
         given: Those names, which are taken back.
 
     Returns:
-        What went beside the links themselves.
+        What went besides the links themselves.
     """
     removed: Removed = {}
     lost: list[Loss] = []
@@ -71,7 +71,7 @@ def cut(root: Any, plan: Plan, given: Given) -> list[Loss]:
 
 
 def _keep_materials(root: Any, gone: Mapping[str, str]) -> Iterator[Loss]:
-    """Make materials that links to be removed define for others the robot's own, where those links stood.
+    """Make materials that links to be removed define for others the robot's own, where those links were.
 
     Links share materials by name. Unless the robot has one of that name, the first definition in the file counts: in
     urdfdom (`assignMaterial`) for every link, in MuJoCo's importer for links that only name it. For both, what is left

@@ -36,7 +36,7 @@ class UrdfFile:
         return urdf.link_parents(self.source.root)
 
     def cut(self, plan: Plan) -> list[Loss]:
-        """Edit the file; return what went beside the links themselves."""
+        """Edit the file; return what went besides the links themselves."""
         return urdf.cut(self.source.root, plan, self.given)
 
 
@@ -52,7 +52,7 @@ class UrdfOpener:
         return UrdfFile(source, name_elements(source.root, file=self._description.file))
 
     def positions(self, base: str) -> Positions:
-        """Where the joints of the robot stand in its rest pose, seen from the link `base`."""
+        """Where the joints of the robot are in its rest pose, seen from the link `base`."""
         return urdf_positions(self.open([]).source.root, base)
 
     def set_height(self, root: str, height_m: float) -> bytes:

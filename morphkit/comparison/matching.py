@@ -68,7 +68,7 @@ def pair_rest(
 
 
 def moved(pairs: Mapping[str, str], order: Sequence[str]) -> tuple[str, ...]:
-    """Which of the paired names stand elsewhere in the second robot's order: the fewest that explain it.
+    """Which of the paired names are elsewhere in the second robot's order: the fewest that explain it.
 
     Args:
         pairs: Name in the first robot -> name in the second, in the first one's order.

@@ -36,7 +36,7 @@ class Missing:
 
 
 def without_counterpart(robot: Any) -> Iterator[Missing]:
-    """Yield what stands in a URDF and not in the MJCF made of it, in the order of the file.
+    """Yield what is in a URDF and not in the MJCF made of it, in the order of the file.
 
     Args:
         robot: The root element.

@@ -1,4 +1,4 @@
-"""A conversion on disk: the MJCF and a folder of meshes beside it, written together or not at all."""
+"""A conversion on disk: the MJCF and a folder of meshes next to it, written together or not at all."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def asset_folder(path: Path) -> Path:
 
 
 def write_conversion(conversion: Conversion, path: Path, *, force: bool = False) -> list[Path]:
-    """Write the MJCF and its meshes; the meshes lie in `NAME_assets` beside it.
+    """Write the MJCF and its meshes; the meshes lie in `NAME_assets` next to it.
 
     Both are written under other names first, and MuJoCo compiles them there; then they take their places. A killed run
     leaves the old model or the new one, each with its meshes.
@@ -71,7 +71,7 @@ def write_conversion(conversion: Conversion, path: Path, *, force: bool = False)
 def _put(staged: Path, meshes: Path, path: Path, *, force: bool) -> None:
     """Move what is staged to its place, so that at every moment the MJCF there finds its meshes.
 
-    The name of a mesh file changes with its content: new ones can go beside old ones first, and old ones go last.
+    The name of a mesh file changes with its content: new ones can go next to old ones first, and old ones go last.
     """
     folder = asset_folder(path)
     names = {mesh.name for mesh in meshes.iterdir()}

@@ -1,4 +1,4 @@
-"""Assets of variants: copied beside them, or left where they are and referred to from there."""
+"""Assets of variants: copied next to them, or left where they are and referred to from there."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class Packer:
 
 
 def _rewrite(root: Any, targets: dict[str, str], *, in_place: bool) -> Iterator[Loss]:
-    """Write `targets`, by reference, into the file's attributes wherever they are not what stands there already."""
+    """Write `targets`, by reference, into the file's attributes wherever they are not what is there already."""
     wrong = [each for each in mentions(root) if each.reference in targets and not _right(each, targets, in_place)]
     if root.tag == "mujoco":
         # Names below a folder cannot lead out of it where it does not exist: all names are written out, without one.

@@ -134,7 +134,7 @@ def removals(morphology: Morphology, *, min_limbs: int = 2, max_limbs: int | Non
 
 
 def _subtree_sizes(morphology: Morphology) -> list[int]:
-    """How many limbs hang on each limb, itself included; limbs stand in depth-first order."""
+    """How many limbs hang on each limb, itself included; limbs are in depth-first order."""
     index = {limb.name: number for number, limb in enumerate(morphology.limbs)}
     sizes = [1] * len(morphology.limbs)
     for number in reversed(range(1, len(sizes))):

@@ -6,7 +6,7 @@ from typing import Any
 
 
 def detach(element: Any) -> None:
-    """Remove `element` and its line; comments beside it and the indentation of what follows stay."""
+    """Remove `element` and its line; comments next to it and the indentation of what follows stay."""
     parent, previous, following = element.getparent(), element.getprevious(), element.getnext()
     before = (parent.text if previous is None else previous.tail) or ""
     tail = element.tail or ""
@@ -29,7 +29,7 @@ def detach_emptied(section: Any) -> None:
 
 
 def lift(element: Any, before: Any) -> None:
-    """Move `element` to stand before `before`, at its indentation."""
+    """Move `element` to be before `before`, at its indentation."""
     own, wanted = _indentation(element), _indentation(before)
     detach(element)
     for node in element.iter():

@@ -32,7 +32,7 @@ def attach_models(tree: etree._ElementTree, description: Description, places: Pl
         tree: The parsed model, includes flattened. Its references to models are renamed, in place, to the keys of the
             result.
         description: Its description.
-        places: Receives where the elements of those models stand.
+        places: Receives where the elements of those models are.
 
     Returns:
         The models for `MjSpec.from_string(..., include=...)`: includes flattened, and each mesh, texture, height field

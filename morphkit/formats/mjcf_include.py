@@ -1,4 +1,4 @@
-"""MJCF `<include>`: replaced by what stands in the included file."""
+"""MJCF `<include>`: replaced by what is in the included file."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def flatten_includes(
     read: Callable[[etree._Element, Path], None] | None = None,
     problem: Callable[[IncludeProblem], None] = _refuse,
 ) -> etree._ElementTree:
-    """Replace every MJCF `<include file="..."/>` by what stands in that file, in place.
+    """Replace every MJCF `<include file="..."/>` by what is in that file, in place.
 
     File names start in `folder`, else in the folder of the including file. As in MuJoCo, a file can be included once.
 

@@ -1,4 +1,4 @@
-"""Where the elements of a parsed MJCF model stand, which MuJoCo says by line only: of whichever file it was in."""
+"""Where the elements of a parsed MJCF model are, which MuJoCo says by line only: of whichever file it was in."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Places:
         self._lines: dict[tuple[str, int], str] = {}
 
     def own(self, root: etree._Element, path: Path) -> None:
-        """Remember that all elements below `root`, which are about to move elsewhere, stand in the file `path`."""
+        """Remember that all elements below `root`, which are about to move elsewhere, are in the file `path`."""
         for element in root.iter("*"):
             self._kept.append(element)
             self._files[id(element)] = path.name
@@ -62,7 +62,7 @@ class Places:
         """The place of an `MjSpec` element of a kind: `body`, `joint`, `actuator` or `sensor`."""
         name = element.name or None
         line = _LINE.search(element.info or "")
-        if line is None:  # as of free joints, which stand in their body, and of what comes from a URDF
+        if line is None:  # as of free joints, which are in their body, and of what comes from a URDF
             original, where = (name, None) if self._plain else self._attached(kind, name)
             return original, where or (self.find(element.parent, "body")[1] if kind == "joint" else None)
         if self._plain:

@@ -58,7 +58,7 @@ def homes(name: str, folder: Path, packages: Mapping[str, Path]) -> Iterator[Hom
 
     First `packages[name]`; then what `ROS_PACKAGE_PATH` (packages, or folders of packages, two levels deep at most)
     and `AMENT_PREFIX_PATH` (prefixes, with packages in `share`) say; then every folder above the robot that is called
-    so; then the folders called so beside those above the robot.
+    so; then the folders called so next to those above the robot.
 
     Args:
         name: Name of the package.

@@ -112,7 +112,7 @@ def _given(element: Any, attribute: str) -> str:
 
 
 def write_mjcf(element: Any, pose: Pose, *, keep_orientation: bool) -> None:
-    """Set `pos` of an MJCF body, and its orientation as `quat` unless what stands there is still right."""
+    """Set `pos` of an MJCF body, and its orientation as `quat` unless what is there is still right."""
     element.set("pos", text(pose.position))
     if not keep_orientation:
         for attribute in _ORIENTATIONS:
@@ -133,7 +133,7 @@ def urdf_pose(origin: Any | None) -> Pose:
 
 
 def write_urdf(origin: Any, pose: Pose, *, keep_orientation: bool) -> None:
-    """Set `xyz` of a URDF origin, and its `rpy` unless what stands there is still right."""
+    """Set `xyz` of a URDF origin, and its `rpy` unless what is there is still right."""
     origin.set("xyz", text(pose.position))
     if not keep_orientation:
         origin.set("rpy", text(_rpy(pose.rotation)))

@@ -15,7 +15,7 @@ _WORD = re.compile(r"(\s*)(\S+)")
 
 
 class Source:
-    """A copy of a document's tree that remembers where each element stood.
+    """A copy of a document's tree that remembers where each element was.
 
     lxml would rewrite quotes and the line breaks between attributes all over the file; `render` takes the original
     bytes wherever an element is as it was, and edits only the attributes that changed.
@@ -152,7 +152,7 @@ def _without_words(quoted: str, value: str) -> str:
 def _words_left(words: Sequence[str], wanted: Sequence[str], line_starts: Collection[int]) -> set[int]:
     """Which of `words` are left where `wanted` are; none where those are others.
 
-    Among equal words it cannot be told. What a limb takes along mostly stands together, and mostly from the start of a
+    Among equal words it cannot be told. What a limb takes along is mostly together, and mostly from the start of a
     line.
     """
     gone = len(words) - len(wanted)

@@ -136,7 +136,7 @@ def _first_serious(parser: _Parser) -> Any:
 def serialize(tree: etree._ElementTree) -> bytes:
     """Return the bytes of `tree`, in the encoding that it was read in.
 
-    What stands before and after the root element (declaration, comments, final newline) is written as it was read,
+    What is before and after the root element (declaration, comments, final newline) is written as it was read,
     byte for byte. Comments, CDATA, whitespace between elements and the order of attributes stay; inside a tag
     attributes are joined by single spaces.
     """

@@ -29,7 +29,7 @@ def match_limbs(morphology: Morphology, pattern: str) -> list[str]:
     Args:
         morphology: The robot.
         pattern: A name, as given by the reader, or what tokens call it; else a glob over names; else a limb type
-            (`foot` picks `bfoot` and `ffoot`), which is a type word of the family or, beside those, a segment in a
+            (`foot` picks `bfoot` and `ffoot`), which is a type word of the family or, besides those, a segment in a
             canonical name.
 
     Returns:

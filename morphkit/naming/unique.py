@@ -69,7 +69,7 @@ def give_names(originals: Sequence[str | None], calls: Sequence[str]) -> list[st
     """A name of its own for each of several elements: its original one, else what `calls` says.
 
     A number is added where that is taken. Of elements that share a name the first keeps it; no given name takes one
-    that stands in the file.
+    that is in the file.
     """
     names = TakenNames(original for original in originals if original)
     kept: set[str] = set()

@@ -95,7 +95,7 @@ def _of_inputs(
 
 
 def _parse(description: Description) -> tuple[mujoco.MjSpec, tuple[Origin, ...], Where]:
-    """Return the parsed model, everything named, where its names come from, and what says where an element stands."""
+    """Return the parsed model, everything named, where its names come from, and what says where an element is."""
     file = description.file
     document = document_of(description)
     tree = document.tree

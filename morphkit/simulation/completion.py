@@ -52,7 +52,7 @@ def settle_urdf(spec: mujoco.MjSpec, description: Description) -> None:
     Time step 4 ms with the implicitfast integrator; armature 0.01 kg*m^2 (kg) on every joint. Where the file gives no
     damping: 0.1 N*m*s/rad (N*s/m), and a part that grows with the cube of the speed, such that the joint's effort limit
     drives it at its velocity limit. The robot's geoms collide with the floor but not with each other: a
-    URDF does not say which links may touch, and neighbours often overlap.
+    URDF does not say which links may touch, and neighbors often overlap.
     """
     limits = drive_limits(description)
     spec.option.timestep = URDF_TIMESTEP_S

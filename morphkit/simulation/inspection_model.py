@@ -38,7 +38,7 @@ class Mechanics:
     Attributes:
         description: Where it comes from.
         morphology: Its limbs.
-        model: The model: the robot and what else stands in its file, without contacts.
+        model: The model: the robot and what else is in its file, without contacts.
         start: First key frame of the file, else its zero pose; hinges and slides within their limits, shape (nq,).
         root: Body id of the root limb.
         limb_of: Body id -> name of the limb that the body belongs to, for all bodies of the robot.

@@ -1,4 +1,4 @@
-"""Masses, centres of mass and inertias of limbs."""
+"""Masses, centers of mass and inertias of limbs."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class LimbMass:
 
     Attributes:
         mass: kg; 0 for a limb without a mass.
-        centre: Centre of mass in the frame of the limb's body, m.
-        moments: Principal moments of inertia about the centre of mass, the smallest first, kg*m^2.
+        centre: Center of mass in the frame of the limb's body, m.
+        moments: Principal moments of inertia about the center of mass, the smallest first, kg*m^2.
     """
 
     mass: float

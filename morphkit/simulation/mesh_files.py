@@ -1,4 +1,4 @@
-"""Mesh files of any format as triangles in metres."""
+"""Mesh files of any format as triangles in meters."""
 
 from __future__ import annotations
 
@@ -69,9 +69,9 @@ def _without_rest(content: bytes) -> bytes:
 
 
 def load_mesh(path: Path) -> Any:
-    """Read a mesh file, all its parts joined, in metres where the file states its unit.
+    """Read a mesh file, all its parts joined, in meters where the file states its unit.
 
-    COLLADA states one. Its up axis is not applied: RViz, Gazebo and MoveIt take coordinates as they stand, so that
+    COLLADA states one. Its up axis is not applied: RViz, Gazebo and MoveIt take coordinates as they are, so that
     URDFs are written for that, whatever axis their meshes state. Nor is glTF turned, whose up axis is y by definition.
 
     Returns:
@@ -144,7 +144,7 @@ def _without_materials(path: Path) -> bytes:
 
 
 def _metres(units: str | None) -> float:
-    """Metres that one unit is; 1 where it is unknown."""
+    """Meters that one unit is; 1 where it is unknown."""
     from trimesh.units import unit_conversion
 
     try:

@@ -168,7 +168,7 @@ def drop_shape(spec: mujoco.MjSpec, asset: Any, users: Sequence[Any], incomplete
 
 
 def _resolve_images(spec: mujoco.MjSpec, description: Description) -> list[str]:
-    """Textures never matter to the simulation: one that cannot be found becomes a flat colour."""
+    """Textures never matter to the simulation: one that cannot be found becomes a flat color."""
     notes = []
     for texture in spec.textures:
         files = [file for file in (texture.file, *texture.cubefiles) if file]

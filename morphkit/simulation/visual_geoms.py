@@ -1,4 +1,4 @@
-"""What a robot wears to be looked at: which shapes show, sticks for limbs that have none, colours, a floor."""
+"""What a robot wears to be looked at: which shapes show, sticks for limbs that have none, colors, a floor."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from morphkit.simulation.completion import lowest_of
 HIDDEN_GROUP = 5
 _SHOWN_GROUPS = 3  # MuJoCo's viewers show groups 0 to 2.
 _DEFAULT_COLOUR = (0.5, 0.5, 0.5, 1.0)
-# Of limbs whose shapes have no colour, by the number of joints to the root.
+# Of limbs whose shapes have no color, by the number of joints to the root.
 _PALETTE = (
     (0.36, 0.42, 0.52, 1.0),
     (0.85, 0.53, 0.28, 1.0),
@@ -87,7 +87,7 @@ def geom_colour(model: mujoco.MjModel, geom: int) -> np.ndarray:
 
 
 def colour_limbs(model: mujoco.MjModel, root: int) -> None:
-    """Give the robot's shapes that have no colour of their own one that tells limb from limb, in place."""
+    """Give the robot's shapes that have no color of their own one that tells limb from limb, in place."""
     depth = {root: 0}
     for body in range(root + 1, model.nbody):
         parent = int(model.body_parentid[body])

@@ -1,6 +1,6 @@
-"""Folders that appear whole or not at all: written beside their place, then moved there in one step.
+"""Folders that appear whole or not at all: written next to their place, then moved there in one step.
 
-Until then they lie in a hidden stage beside the place, with a file that the writing process keeps locked. A killed
+Until then they lie in a hidden stage next to the place, with a file that the writing process keeps locked. A killed
 process leaves its stage, but not the lock: the next one that writes to the same place removes what is unlocked.
 """
 
@@ -53,7 +53,7 @@ def require_text(path: Path) -> None:
 def staged_folder(folder: Path) -> Iterator[Path]:
     """Give an empty folder to write into; at the end of the block it takes the place of `folder`.
 
-    It lies beside `folder`, on the same file system. An existing `folder` is replaced with all it holds; the caller has
+    It is next to `folder`, on the same file system. An existing `folder` is replaced with all it holds; the caller has
     to make sure that it may be. A killed run leaves the old folder or the new one; when the block raises, nothing
     is left.
 
@@ -75,7 +75,7 @@ def staged_folder(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def stage(place: Path) -> Iterator[Path]:
-    """Give a hidden folder beside `place`, for what is to be moved there; it goes at the end of the block.
+    """Give a hidden folder next to `place`, for what is to be moved there; it goes at the end of the block.
 
     Missing folders above `place` are made; they go too where they stay empty.
 
@@ -236,7 +236,7 @@ def _clear_unlocked(own: Path, place: Path) -> None:
 
 
 def _remove(own: Path) -> None:
-    """Remove a stage, its lock last, so that one that a kill interrupts stays recognisable."""
+    """Remove a stage, its lock last, so that one that a kill interrupts stays recognizable."""
     for path in own.iterdir():
         if path.name == _LOCK:
             continue

@@ -47,7 +47,7 @@ class Finding:
     Attributes:
         rule: Its id.
         severity: That of the rule.
-        file: The file, as it was given; for included files its path beside the main file.
+        file: The file, as it was given; for included files its path seen from the main file.
         line: Line in `file`, from 1; None where no single line is to blame.
         message: What is wrong there, with names and numbers.
         element: Name of the link, joint, body, ... that it is about; empty where there is none.

@@ -21,8 +21,8 @@ def check_tensor(
 
     Args:
         doc: Receives the finding.
-        element: Where the tensor stands.
-        tensor: Inertia about the centre of mass, kg*m^2, symmetric (3, 3).
+        element: Where the tensor is.
+        tensor: Inertia about the center of mass, kg*m^2, symmetric (3, 3).
         mass: Mass of the body, kg.
         owner: For the message, such as `link 'shin'`.
         name: Name of the link or body.

@@ -47,15 +47,15 @@ def check_body(
     tensor: np.ndarray | None,
     shapes: Sequence[Sequence[Shape]],
 ) -> None:
-    """Report a mass, centre or inertia that does not fit.
+    """Report a mass, center or inertia that does not fit.
 
     Args:
         doc: Receives the findings.
-        element: Where mass and inertia stand.
+        element: Where mass and inertia are.
         name: Name of the link or body.
         mass: kg.
-        centre: Centre of mass in the link's frame, m; None where unknown.
-        tensor: Inertia about the centre, kg*m^2, (3, 3); None where unknown.
+        centre: Center of mass in the link's frame, m; None where unknown.
+        tensor: Inertia about the center, kg*m^2, (3, 3); None where unknown.
         shapes: Alternatives, such as visuals and collisions; the one that fits best counts.
     """
     shapes = [group for group in shapes if group]

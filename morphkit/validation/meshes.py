@@ -43,7 +43,7 @@ class MeshUse:
 
 @dataclass(frozen=True)
 class MeshFacts:
-    """What a mesh file holds, in its own unit scaled to metres where it states one.
+    """What a mesh file holds, in its own unit scaled to meters where it states one.
 
     Attributes:
         bounds: Lowest and highest corner, (2, 3).

@@ -1,4 +1,4 @@
-"""Checks of the files that an MJCF model refers to, and of masses beside its meshes."""
+"""Checks of the files that an MJCF model refers to, and of masses that do not fit its meshes."""
 
 from __future__ import annotations
 

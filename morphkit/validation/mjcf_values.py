@@ -89,7 +89,7 @@ def check_inertials(doc: CheckedDocument) -> dict[Any, tuple[float, Any, Any]]:
     """Report impossible masses and inertias.
 
     Returns:
-        `<inertial>` element -> mass, kg, centre, m, and tensor, kg*m^2, as far as they make sense (None).
+        `<inertial>` element -> mass, kg, center, m, and tensor, kg*m^2, as far as they make sense (None).
     """
     settings = {key: value for section in elements(doc.root, "compiler") for key, value in section.attrib.items()}
     if settings.get("inertiafromgeom") == "true":

@@ -1,4 +1,4 @@
-"""Reports as SARIF 2.1.0, which code hosts show beside the lines of a change.
+"""Reports as SARIF 2.1.0, which code hosts show next to the lines of a change.
 
 Source: OASIS Static Analysis Results Interchange Format 2.1.0, sections 3.13 (log), 3.14 (run), 3.27 (result).
 """

@@ -26,13 +26,13 @@ _MOVING = ("revolute", "continuous", "prismatic", "floating", "planar", "spheric
 
 @dataclass
 class Inertial:
-    """Mass, centre of mass and tensor of a link, as far as they make sense.
+    """Mass, center of mass and tensor of a link, as far as they make sense.
 
     Attributes:
         element: The `<inertial>`.
         mass: kg.
-        centre: Centre of mass in the link's frame, m.
-        tensor: Inertia about the centre of mass, kg*m^2; None where it is impossible or zero.
+        centre: Center of mass in the link's frame, m.
+        tensor: Inertia about the center of mass, kg*m^2; None where it is impossible or zero.
         counts: Whether the link is a notable part of what it is fixed to.
     """
 

@@ -47,7 +47,7 @@ def swing_shots(mechanics: Mechanics) -> list[Shot]:
 
 
 def film(mechanics: Mechanics, shots: Sequence[Shot], *, width: int = 400, height: int = 360) -> Iterator[np.ndarray]:
-    """Draw shots, each with the joint's name and value below it; the limb that moves stands out in colour.
+    """Draw shots, each with the joint's name and value below it; the limb that moves stands out in color.
 
     Yields:
         Pictures, uint8, shape (height, width, 3), `FPS` a second.

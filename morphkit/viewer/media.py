@@ -149,7 +149,7 @@ def import_viewer(module: str) -> Any:
 def _write_gif(frames: Iterable[np.ndarray], path: Path, fps: float) -> None:
     image = import_viewer("PIL.Image")
     step = math.ceil(fps / _GIF_FPS - 1e-9)
-    # One palette for all frames, without dithering: what stands still costs no bytes.
+    # One palette for all frames, without dithering: what does not move costs no bytes.
     pictures: list[Any] = []
     palette = None
     for frame in itertools.islice(frames, 0, None, step):
@@ -166,7 +166,7 @@ def _write_gif(frames: Iterable[np.ndarray], path: Path, fps: float) -> None:
 
 def _write_mp4(frames: Iterable[np.ndarray], path: Path, fps: float) -> None:
     imageio = import_viewer("imageio.v2")
-    # Two pixels are the least that H.264 with this colour format can count in.
+    # Two pixels are the least that H.264 with this color format can count in.
     writer = imageio.get_writer(
         path, fps=fps, codec="libx264", quality=7, pixelformat="yuv420p", macro_block_size=2, ffmpeg_log_level="error"
     )

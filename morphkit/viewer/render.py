@@ -110,7 +110,7 @@ def model_frames(
         height: Height of a picture, pixels.
         reach: Half of the picture's smaller side, m.
         still: The camera stays where it is at the first state, far enough away to show all of them.
-        marked: For every state, ids of bodies that are drawn in a colour that stands out.
+        marked: For every state, ids of bodies that are drawn in a color that stands out.
     """
     import mujoco
 
@@ -161,7 +161,7 @@ def model_frames(
 
 
 def start_reach(simulation: Simulation) -> float:
-    """Distance from the robot's centre to its farthest point in the start pose, m."""
+    """Distance from the robot's center to its farthest point in the start pose, m."""
     import mujoco
 
     data = mujoco.MjData(simulation.model)

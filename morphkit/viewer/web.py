@@ -66,7 +66,7 @@ def serve(
 
 
 class BrowserViewer:
-    """The robot, what was removed from it, and the panel beside it; the same for all browsers that look at it.
+    """The robot, what was removed from it, and the panel next to it; the same for all browsers that look at it.
 
     Args:
         description: The robot.

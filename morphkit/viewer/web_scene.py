@@ -115,7 +115,7 @@ class RobotScene:
 
 
 def _sky() -> np.ndarray:
-    """Picture of a sky that gets lighter downwards, uint8: white robots stand out before it."""
+    """Picture of a sky that gets lighter downwards, uint8: white robots are easy to see before it."""
     share = np.linspace(0, 1, 90)[:, None, None]
     colours = (1 - share) * np.array(_SKY_TOP) + share * np.array(_SKY_BOTTOM)
     return np.broadcast_to(colours, (90, 160, 3)).astype(np.uint8)

@@ -32,7 +32,7 @@ class View:
     """Some robots side by side, as the networks see them.
 
     Attributes:
-        layout: Where their tokens, limbs and actions stand.
+        layout: Where their tokens, limbs and actions are.
         quantities: Row of observation statistics of each token.
         robots: Number of each robot among those of training; -1 for others.
     """
@@ -124,7 +124,7 @@ class Agent:
             self.returns.update(np.stack(reward), ended)
 
     def refresh(self) -> None:
-        """From now on, standardise with the statistics of all that was observed so far."""
+        """From now on, standardize with the statistics of all that was observed so far."""
         self._standard.clear()
         self._reward_scale.clear()
 

@@ -10,14 +10,14 @@ from torch import Tensor
 from morphkit.tokens.spec import TokenSpec
 
 CLIP = 10.0
-"""Bound of standardised observations, so that a wild state cannot saturate the networks."""
+"""Bound of standardized observations, so that a wild state cannot saturate the networks."""
 OBSERVATION_BOUND = 1000.0
 """Bound of observations (m, m/s, rad/s, ...) as the statistics see them, so that a simulation on its way to diverging
 cannot hide from all robots what they sense."""
 
 
 class Normalizer:
-    """Standardises observations with statistics of like scalars.
+    """Standardizes observations with statistics of like scalars.
 
     Statistics are kept per (quantity, component), never per robot or limb, so that limbs that were never seen have
     them too. Merging follows Chan et al. 1979.
@@ -62,7 +62,7 @@ class Normalizer:
         self.count = self.count + count
 
     def scale_and_shift(self, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Factor and summand (float32, one a token) with which `obs * factor + summand` is standardised."""
+        """Factor and summand (float32, one a token) with which `obs * factor + summand` is standardized."""
         variance = np.append(self.m2 / np.maximum(self.count, 1), 1.0)
         mean = np.append(self.mean, 0.0)
         factor = 1 / np.sqrt(variance + 1e-4)

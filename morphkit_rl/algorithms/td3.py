@@ -25,7 +25,7 @@ from morphkit_rl.models.vocabulary import Vocabulary
 
 
 class TD3:
-    """Actor, twin critics, their targets and optimisers.
+    """Actor, twin critics, their targets and optimizers.
 
     Args:
         model: Size of the networks.
@@ -90,12 +90,12 @@ class TD3:
 
         Args:
             batch: Transitions of the layout's robots, raw observations.
-            scale: (tokens,) factor that normalises observations; None leaves them as they are.
-            shift: (tokens,) summand that normalises observations; None as with `scale`.
+            scale: (tokens,) factor that normalizes observations; None leaves them as they are.
+            shift: (tokens,) summand that normalizes observations; None as with `scale`.
             layout: The robots.
             rng: Source of the target noise.
             number: Which update it is, from 0, for `policy_delay`; default: that of all so far.
-            reward_scale: (robots,) factors on rewards, beside `td3.reward_scale`; None for 1.
+            reward_scale: (robots,) factors on rewards, besides `td3.reward_scale`; None for 1.
 
         Returns:
             Scalars: `critic_loss` and `q_mean`, with `actor_loss` where the actor was updated.
@@ -187,11 +187,11 @@ class TD3:
         }
 
     def optimizers(self) -> dict[str, torch.optim.Optimizer]:
-        """The optimisers by name."""
+        """The optimizers by name."""
         return {"actor": self.actor_optimizer, "critic": self.critic_optimizer}
 
     def _reset(self, rng: np.random.Generator) -> None:
-        """Draw the last layers of all networks anew, targets like online ones, and forget their optimisers' moments."""
+        """Draw the last layers of all networks anew, targets like online ones, and forget their optimizers' moments."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(int(rng.integers(2**63)))
             fresh = self._build()

@@ -60,7 +60,7 @@ class Benchmark:
 
 
 def load_benchmark(file: Path | None = None) -> Benchmark:
-    """Read the published tasks and splits, and those of a file of one's own beside them.
+    """Read the published tasks and splits, and those of a file of one's own next to them.
 
     Args:
         file: A TOML file with `[tasks]` and `[splits.NAME.GROUP]` tables; robots in it are names, or paths relative to

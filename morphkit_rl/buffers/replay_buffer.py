@@ -96,9 +96,9 @@ class Finals:
 class ReplayBuffer:
     """The transitions of one robot, sweep by sweep.
 
-    Transition `sweep * num_envs + env` stands in the row of this number modulo the capacity. The observation that it
-    led to is the one that the next sweep starts from; where its episode ended, it stands in `finals`; that of the
-    newest sweep stands in `newest`. Memory is taken up as rows are filled.
+    Transition `sweep * num_envs + env` is in the row of this number modulo the capacity. The observation that it
+    led to is the one that the next sweep starts from; where its episode ended, it is in `finals`; that of the
+    newest sweep is in `newest`. Memory is taken up as rows are filled.
 
     Args:
         tokens: Width of an observation.

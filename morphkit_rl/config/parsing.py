@@ -47,7 +47,7 @@ def fill(kind: type[Any], values: Mapping[str, Any], origin: str, section: str =
         kind: The dataclass.
         values: Settings by name; those that are missing keep their defaults.
         origin: Where they come from, for messages.
-        section: Where `kind` stands, such as `td3`; empty for the whole.
+        section: Where `kind` is, such as `td3`; empty for the whole.
 
     Raises:
         ConfigError: A setting does not exist, or has the wrong type or range.

@@ -26,10 +26,10 @@ class TextConfig:
         naming: `canonical` gives like limbs of different robots like texts; `raw` keeps the file's names.
         limb_names: Whether limbs are called by their body (link) or by their joint.
         style: Whether texts are words or, as in published code, names with their underscores.
-        standardize: Whether embeddings are standardised over the training texts; published code takes them as they are.
+        standardize: Whether embeddings are standardized over the training texts; published code takes them as they are.
         components: Principal components of the training texts' embeddings that are kept; 0 for the embeddings as they
             are. Fewer make name-conditioned weights cheaper.
-        control: `none`, or what stands in for the embeddings to see whether the text matters: `random` vectors,
+        control: `none`, or what replaces the embeddings to see whether the text matters: `random` vectors,
             `shuffled` ones of other training texts, or `one-hot` numbers of training texts.
         tune: Whether embeddings stay `frozen`, get a learned `residual` each, or the whole `encoder` learns; texts that
             training does not know keep their frozen ones.
@@ -101,7 +101,7 @@ class TrainerConfig:
         updates_per_sweep: Updates after each step of all environments, of the schedule `sweeps`.
         replay_capacity: Transitions kept, over all robots.
         replay_dtype: How observations and actions are kept; `float16` takes half the memory.
-        normalize: Whether observations are standardised by running statistics.
+        normalize: Whether observations are standardized by running statistics.
         observation: `fixed`, or `legacy` with the published code's defects.
         sensors: Quantities that are observed, such as `position`, or `no_ltv`: all but `type`; none named: all.
         evaluate_steps: Steps between two noise-free evaluations of the training and validation robots; 0 for none.

@@ -23,7 +23,7 @@ class Divergence:
     Args:
         robots: Robots whose `state` is set.
         state_start: Where in the flat state vector each environment of each robot starts, one int (n,) a robot; there
-            stands its time.
+            is its time.
     """
 
     def __init__(self, robots: Sequence[SteppedRobot], state_start: Sequence[np.ndarray]) -> None:

@@ -30,7 +30,7 @@ class ObservationPass:
         simulations: The robots.
         specs: What to observe of each: its tokens or some of them.
         state_start: Where in the flat state vector each environment of each robot starts, one int (n,) a robot; there
-            stand time, qpos, qvel and what else the simulator keeps.
+            are time, qpos, qvel and what else the simulator keeps.
         observation: `fixed`, or `legacy`: two defects of the published code. There, limbs other than the root report
             absolute world x, and the root's z velocity gains (world rotational velocity about y) * (world x), before
             the clip; limb types are matched against body names whatever the family says.

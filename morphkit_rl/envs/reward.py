@@ -22,7 +22,7 @@ class RewardPass:
         simulations: The robots.
         tasks: Their tasks.
         state_start: Where in the flat state vector each environment of each robot starts, one int (n,) a robot; there
-            stand time, qpos, qvel and what else the simulator keeps.
+            are time, qpos, qvel and what else the simulator keeps.
         root_row: Row of every environment's root limb in `sensors`, int (environments,).
         sensors: Limb sensors, (rows, 13), which the caller keeps up to date.
     """

@@ -11,7 +11,7 @@ from morphkit.tokens.spec import TokenSpec
 
 
 def sensor_columns(spec: TokenSpec, full: TokenSpec) -> np.ndarray:
-    """Where the sensors of `spec` stand in the observation of everything that the robot senses.
+    """Where the sensors of `spec` are in the observation of everything that the robot senses.
 
     Names and texts do not matter: a token is known by its limb, quantity and component, and among the joints of a limb
     by its place.

@@ -34,15 +34,15 @@ class Task:
         alive_bonus: Paid every step, the last included.
         control_cost: Weight of |a|^2.
         control_as_share: Whether |a|^2 takes each control as a share of its bound (largest of |low|, |high|), so that
-            a 30 N*m motor costs no more than a normalised one; otherwise in its own unit.
+            a 30 N*m motor costs no more than a normalized one; otherwise in its own unit.
         tip_height_weight: Weight of the height of the tip above the root's frame, as a share of its reach. The tip is
-            the far end of the last limb of the deepest chain, twice as far from its frame as its centre of mass.
+            the far end of the last limb of the deepest chain, twice as far from its frame as its center of mass.
         healthy_height: Open interval of the root's height, m, outside which the episode ends; None: no bounds. Measured
             at the z slide's coordinate of a planar base; at the root's frame above the world's origin for a free one
             and where `height_in_world`.
         healthy_share: The same as shares of the start height; `task_for` turns it into `healthy_height`. Where the
             root's frame starts at the ground, as a URDF's `base_footprint` does, or below it, the robot may sink and
-            rise by shares of how high its centre of mass lies above its lowest point.
+            rise by shares of how high its center of mass lies above its lowest point.
         height_in_world: See `healthy_height`.
         healthy_pitch: The episode ends when |pitch| of a planar base, or the tilt of a free one, reaches this, rad.
             Tilt is the angle between world z and the root's axis that pointed along world z at the start.
@@ -155,7 +155,7 @@ def _bounds(simulation: Simulation, share: Range) -> Range | None:
 
 
 def _stature(simulation: Simulation) -> float:
-    """How high the centre of mass lies above the lowest point in the start configuration, m."""
+    """How high the center of mass lies above the lowest point in the start configuration, m."""
     model, root = simulation.model, simulation.limb_body[0]
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)

@@ -1,1 +1,1 @@
-"""What a policy is worth: episodes without noise, beside a random policy."""
+"""What a policy is worth: episodes without noise, compared with a random policy."""

@@ -1,4 +1,4 @@
-"""Noise-free returns of a policy beside a random one."""
+"""Noise-free returns of a policy compared with a random one."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from morphkit_rl.runs import run_settings
 
 @dataclass(frozen=True)
 class RobotResult(RobotReturns):
-    """Noise-free returns of a trained policy on one robot, beside those of a random one.
+    """Noise-free returns of a trained policy on one robot, compared with those of a random one.
 
     Attributes:
         trained_on: Whether training saw the robot.

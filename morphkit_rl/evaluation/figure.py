@@ -1,4 +1,4 @@
-"""The result of a run as one picture: learning curves, and the trained policy beside a random one."""
+"""The result of a run as one picture: learning curves, and the trained policy compared with a random one."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from morphkit.utils.atomic_write import write_output
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Okabe and Ito's colours: told apart by people with any kind of colour vision.
+# Okabe and Ito's colors: told apart by people with any kind of color vision.
 _TRAINED, _HELD_OUT, _RANDOM = "#0072B2", "#D55E00", "#8A8A8A"
 _CURVES = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#999999")
 _INK, _GRID = "#262626", "#E4E4E4"

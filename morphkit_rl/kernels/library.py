@@ -169,7 +169,7 @@ def _open() -> ctypes.CDLL:
 
 
 def _compile(compiler: Sequence[str], texts: dict[str, bytes], file: Path) -> None:
-    """Make the library beside `file` and move it there, so that nobody ever sees a part of it."""
+    """Make the library next to `file` and move it there, so that nobody ever sees a part of it."""
     with tempfile.TemporaryDirectory(prefix="kernels-", dir=file.parent) as name:
         folder = Path(name)
         for source, text in texts.items():

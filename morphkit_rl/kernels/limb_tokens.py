@@ -41,7 +41,7 @@ def available(row: Tensor, width: int, precision: torch.dtype) -> bool:
 
 
 def limb_tokens(row: Tensor, scalars: Scalars, table: Tensor, names: Tensor, precision: torch.dtype) -> Tensor:
-    """Normalised sums of a limb's scalars times their vectors, and its name's vector.
+    """Normalized sums of a limb's scalars times their vectors, and its name's vector.
 
     Args:
         row: (batch, width) scalars.

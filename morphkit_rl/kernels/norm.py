@@ -17,7 +17,7 @@ def available(x: Tensor) -> bool:
 
 
 def norm(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
-    """Normalise the last axis of `x`.
+    """Normalize the last axis of `x`.
 
     Args:
         x: (members, ..., width), float32 or bfloat16.

@@ -1,4 +1,4 @@
-"""Where the tokens, limbs and actuators of several robots stand in one row of numbers."""
+"""Where the tokens, limbs and actuators of several robots are in one row of numbers."""
 
 from __future__ import annotations
 
@@ -238,7 +238,7 @@ def _slices(lengths: Sequence[int]) -> tuple[slice, ...]:
 
 
 def _groups(limbs: Sequence[slice]) -> tuple[slice, ...]:
-    """Neighbouring robots together, up to `GROUP_LIMBS` limbs or one robot."""
+    """Neighboring robots together, up to `GROUP_LIMBS` limbs or one robot."""
     groups = [limbs[0]]
     for own in limbs[1:]:
         if own.stop - groups[-1].start <= GROUP_LIMBS:

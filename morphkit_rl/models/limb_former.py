@@ -123,7 +123,7 @@ class LimbEncoder(nn.Module):
             names: What `read_names` made of the layout.
 
         Returns:
-            (members, batch, limbs, d_model) tokens, not yet normalised, as precise as the layers.
+            (members, batch, limbs, d_model) tokens, not yet normalized, as precise as the layers.
         """
         x = self._tokens(row, names)
         if all(isinstance(layer, TransformerLayer) and layer.suits_kernel(x) for layer in self.layers):
@@ -166,7 +166,7 @@ class Actor(nn.Module):
         )
 
     def forward(self, obs: Tensor, layout: Layout, names: tuple[Names, Tensor] | None = None) -> Tensor:
-        """Act on normalised observation rows; `names`, from `read_names`, saves time while the weights stay."""
+        """Act on normalized observation rows; `names`, from `read_names`, saves time while the weights stay."""
         limb_names, actuator_names = names or self.read_names(layout)
         limbs = self.encoder(obs, limb_names)[0]
         if len(layout.action_limb) == 0:
@@ -203,7 +203,7 @@ class TwinCritic(nn.Module):
         return torch.arange(layout.num_robots, device=layout.relation.device)
 
     def forward(self, obs: Tensor, action: Tensor, layout: Layout, members: int = 2) -> Tensor:
-        """Value actions in [-1, 1] at normalised observation rows, by the first `members` critics."""
+        """Value actions in [-1, 1] at normalized observation rows, by the first `members` critics."""
         slots = layout.observation_and_action
         limbs = self.encoder(torch.cat([obs, action], -1), self.encoder.read_names(slots, layout, members))
         pooled = torch.matmul(layout.robot_limbs, F.layer_norm(limbs.float(), limbs.shape[-1:]))

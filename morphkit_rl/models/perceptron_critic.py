@@ -1,6 +1,6 @@
 """Critics that know tokens and robots by learned vectors.
 
-No robot but those of training ever asks a critic, so it need not generalise, and a perceptron is enough. With v_i the
+No robot but those of training ever asks a critic, so it need not generalize, and a perceptron is enough. With v_i the
 scalars that a robot senses and its actions,
 
     h_0 = relu(norm( sum_i v_i t_name(i) + r_robot )),    h_k = relu(norm( W_k h_(k-1) + b_k )),    Q = W h + b.
@@ -79,7 +79,7 @@ class PerceptronCritic(nn.Module):
         return torch.arange(layout.num_robots, device=layout.relation.device)
 
     def forward(self, obs: Tensor, action: Tensor, layout: Layout, members: int = 2) -> Tensor:
-        """Value actions in [-1, 1] at normalised observation rows, by the first `members` critics.
+        """Value actions in [-1, 1] at normalized observation rows, by the first `members` critics.
 
         Raises:
             ConfigError: The layout holds a robot that is none of training.

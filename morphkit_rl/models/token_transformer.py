@@ -51,7 +51,7 @@ class TokenTransformerSettings(AmorpheusSettings):
     Attributes:
         code_size: Size of the frequency code of a value; even.
         combine: Whether a token's embedding and frequency code are concatenated or added.
-        hidden: Whether one more hidden layer stands before the transformer.
+        hidden: Whether one more hidden layer is before the transformer.
     """
 
     method: str = "ma-bert"

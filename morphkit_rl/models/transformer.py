@@ -33,12 +33,12 @@ class Norm(nn.Module):
         self.bias = nn.Parameter(torch.zeros(members, width))
 
     def forward(self, x: Tensor) -> Tensor:
-        """Normalise the last axis; scale and shift stay float32 whatever `x` is."""
+        """Normalize the last axis; scale and shift stay float32 whatever `x` is."""
         if norm.available(x):
             return norm.norm(x, self.weight, self.bias)
         width = x.shape[-1:]
         weight, bias = (first(parameter, len(x)) for parameter in (self.weight, self.bias))
-        if on_cpu(x):  # whose kernel takes float32 parameters beside a bfloat16 input
+        if on_cpu(x):  # whose kernel takes float32 parameters with a bfloat16 input
             if len(x) == 1:
                 return F.layer_norm(x, width, weight[0], bias[0])
             members = zip(x.unbind(), weight.unbind(), bias.unbind(), strict=True)

@@ -1,7 +1,7 @@
 """Run folders: crash-safe checkpoints without pickle.
 
 A checkpoint is a folder that is written under a temporary name and renamed when it is whole; `checkpoints/latest`
-names the newest. The replay is kept beside them, see `replay_files`.
+names the newest. The replay is kept next to them, see `replay_segments`.
 """
 
 from __future__ import annotations
@@ -191,7 +191,7 @@ def load_modules(networks: Mapping[str, nn.Module], arrays: Mapping[str, np.ndar
 
 
 def optimizer_arrays(optimizers: Mapping[str, torch.optim.Optimizer]) -> dict[str, np.ndarray]:
-    """State of several optimisers under `optimizer/parameter number/name`."""
+    """State of several optimizers under `optimizer/parameter number/name`."""
     return {
         f"{name}/{number}/{key}": value.detach().cpu().numpy()
         for name, optimizer in optimizers.items()
@@ -201,7 +201,7 @@ def optimizer_arrays(optimizers: Mapping[str, torch.optim.Optimizer]) -> dict[st
 
 
 def load_optimizers(optimizers: Mapping[str, torch.optim.Optimizer], arrays: Mapping[str, np.ndarray]) -> None:
-    """Fill optimisers from `optimizer_arrays`."""
+    """Fill optimizers from `optimizer_arrays`."""
     for name, optimizer in optimizers.items():
         whole = optimizer.state_dict()
         state: dict[int, dict[str, torch.Tensor]] = {}

@@ -1,4 +1,4 @@
-"""The replay on disk: immutable segments beside the checkpoints, so that a checkpoint writes only what is new."""
+"""The replay on disk: immutable segments next to the checkpoints, so that a checkpoint writes only what is new."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands in a run folder's `config.json`: robots, settings, budget and versions."""
+"""What is in a run folder's `config.json`: robots, settings, budget and versions."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ class OneHotTexts:
 
 
 def controlled(source: EmbeddingSource, control: Control, known: Sequence[str]) -> EmbeddingSource:
-    """What stands in for `source`, given the texts that training knows."""
+    """What replaces `source`, given the texts that training knows."""
     if control == "random":
         return RandomTexts(source.size)
     if control == "shuffled":

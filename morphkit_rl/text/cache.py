@@ -28,7 +28,7 @@ class EmbeddingCache:
     locked costs one warning and the speed, never the run. Several processes may share a file.
 
     Args:
-        name: What the vectors depend on beside the text; becomes the file's name.
+        name: What the vectors depend on besides the text; becomes the file's name.
         size: Length of a vector.
         folder: Where the file lies; default `cache_dir()`.
     """

@@ -1,4 +1,4 @@
-"""Token texts into standardised embeddings."""
+"""Token texts into standardized embeddings."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from morphkit_rl.text.baselines import EmbeddingSource
 
 
 class TokenEmbedder:
-    """A frozen encoder whose components are standardised over the texts that training knew.
+    """A frozen encoder whose components are standardized over the texts that training knew.
 
-    Token texts of robots are so alike that their raw embeddings differ little; standardised, the differences are what
+    Token texts of robots are so alike that their raw embeddings differ little; standardized, the differences are what
     the policy reads.
 
     Args:
-        source: The frozen text encoder, or what stands in for it.
+        source: The frozen text encoder, or what replaces it.
         mean: (size,) mean over the training texts.
         std: (size,) standard deviation over the training texts.
-        components: (size, kept) matrix onto principal components; None keeps the standardised embeddings.
+        components: (size, kept) matrix onto principal components; None keeps the standardized embeddings.
     """
 
     def __init__(

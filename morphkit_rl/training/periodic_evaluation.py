@@ -1,4 +1,4 @@
-"""Noise-free evaluation while a run trains: of the training robots, and of validation robots beside them."""
+"""Noise-free evaluation while a run trains: of the training robots, and of validation robots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a training run stands, and the clock that its budget is measured with."""
+"""How far a training run is, and the clock that its budget is measured with."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Where a run stands.
+    """How far a run is.
 
     Attributes:
         steps: Environment steps over all robots; those that the schedule counts.
@@ -69,7 +69,7 @@ class Mark(NamedTuple):
 
 
 class Clock:
-    """Training time, s, over all resumptions; it stands still until `start` and while `paused`."""
+    """Training time, s, over all resumptions; it is stopped until `start` and while `paused`."""
 
     def __init__(self) -> None:
         self._before, self._began = 0.0, None
@@ -91,12 +91,12 @@ class Clock:
         self._began = time.perf_counter()
 
     def stop(self) -> None:
-        """Let it stand still."""
+        """Stop it."""
         self._before, self._began = self.elapsed_s, None
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """Let it stand still for a while."""
+        """Stop it for a while."""
         self.stop()
         try:
             yield

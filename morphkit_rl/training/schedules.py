@@ -24,7 +24,7 @@ class Schedule(Protocol):
         """Do the next piece of work; the losses of its last update, if there was any."""
 
     def state(self) -> dict[str, Any]:
-        """Where it stands between two pieces, as JSON can hold it."""
+        """What it remembers between two pieces, as JSON can hold it."""
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Take over what `state` gave."""
@@ -127,7 +127,7 @@ class Rounds:
         return self.agent.update(batch, self.rng, self.agent.each[robot], number)
 
     def state(self) -> dict[str, Any]:
-        """Where the round stands."""
+        """How far the round is."""
         return {
             "over": self._over.tolist(),
             "counted": self._counted.tolist(),

@@ -214,7 +214,7 @@ class Trainer:
         return Mark(self.clock.elapsed_s, self.session.collector.steps, self.session.agent.learner.updates)
 
     def _progress(self, mark: Mark) -> Progress:
-        """Where the run stands; rates are those since `mark`."""
+        """How far the run is; rates are those since `mark`."""
         now, fraction = self._mark(), self._fraction()
         seconds = max(now.elapsed_s - mark.elapsed_s, 1e-9)
         return Progress(

@@ -18,7 +18,7 @@ _KINDS = {"key": "keyframe", "body": "name"}
 
 
 def foreign_lines(before: bytes, after: bytes) -> int:
-    """How many lines of `after` do not stand in `before`, in the same order; a line that only lost words is not new."""
+    """How many lines of `after` do not are in `before`, in the same order; a line that only lost words is not new."""
     old = before.splitlines()
     places: dict[bytes, list[int]] = defaultdict(list)
     for number, line in enumerate(old):
@@ -46,8 +46,8 @@ def unexplained(
 ) -> list[str]:
     """Elements of `before` that went or changed, although nothing says why.
 
-    An element may go where it stands in a removed body or link; where it, what it stands in or a part of it mentions
-    something that stood there, or a loss that is listed; and with an element that may go.
+    An element may go where it is in a removed body or link; where it, what it is in or a part of it mentions
+    something that was there, or a loss that is listed; and with an element that may go.
 
     Args:
         before: The source.
@@ -95,7 +95,7 @@ def _read(source: bytes) -> dict[Any, int]:
 
 
 def _signatures(source: bytes) -> dict[Any, int]:
-    """Every element -> a hash of it and of what it stands in, its children aside."""
+    """Every element -> a hash of it and of what it is in, its children aside."""
     found: dict[Any, int] = {}  # keeps the proxies alive, so that id() identifies an element
     for element in xml.parse(source, file="source").getroot().iter("*"):
         text = (element.text or "").strip()

@@ -54,7 +54,7 @@ def test_a_matrix_survives_kill_and_ctrl_c_and_a_second_process(
     assert states(morphkit) == {0: "stopped", 1: "not started"}
     first = (cell / "run/metrics.jsonl").read_text().partition("\n")[0]
 
-    # The first process stands still while the second one looks, however slow the machine is.
+    # The first process is still while the second one looks, however slow the machine is.
     process = start(*arguments, "--seeds", 2)
     wait_for(lambda: f'"pid": {process.pid},' in (cell / "owner.json").read_text(), process)
     process.send_signal(signal.SIGSTOP)

@@ -1,4 +1,4 @@
-"""What a policy gives for a robot depends neither on padding nor on the robots beside it, whatever the robots are."""
+"""What a policy gives for a robot depends neither on padding nor on the robots next to it, whatever the robots are."""
 
 from __future__ import annotations
 

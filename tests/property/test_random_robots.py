@@ -136,7 +136,7 @@ def test_spliced_limbs_children_keep_orientations_and_get_its_anchor_in_every_po
         np.testing.assert_allclose(abs(new.xquat[index] @ old.body(after.body(index).name).xquat), 1, atol=1e-9)
     random = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
     for _ in range(3):
-        # Whatever the joints that went stand at, the anchor of the first does not depend on it.
+        # Whatever the joints that went are at, the anchor of the first does not depend on it.
         pose = {before.joint(joint).name: random.uniform(-1, 1, 7) for joint in range(before.njnt)}
         for model, state in ((before, old), (after, new)):
             for joint in range(model.njnt):

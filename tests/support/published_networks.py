@@ -1,4 +1,4 @@
-"""Our networks with the weights of the published programs beside the same networks written plainly."""
+"""Our networks with the weights of the published programs compared with the same networks written plainly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Zero-shot returns, a panel a task and one for all: bars with intervals and seeds, beside the published ones."""
+"""Zero-shot returns, a panel a task and one for all: bars with intervals and seeds, next to the published ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the report's figures share: size, colours, legend and labels."""
+"""What the report's figures share: size, colors, legend and labels."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _STYLE = {
 
 
 def colour(method: str, methods: Sequence[str]) -> str:
-    """A method's colour: its own, that of the method it is a preset of, or one of the others in order."""
+    """A method's color: its own, that of the method it is a preset of, or one of the others in order."""
     base = base_of(method)
     if own := _own_color(base):
         return own

@@ -41,7 +41,7 @@ def write_markdown(
         entries: They by split, task and method.
         totals: The methods over all tasks of a split.
         pairs: Method against method.
-        pictures: Names of the figures beside the text.
+        pictures: Names of the figures next to the text.
     """
     parts = ["# Benchmark report\n", _standing(matrix, cells)]
     for split in dict.fromkeys(each.split for each in entries):

@@ -13,7 +13,7 @@ MISSING = "–"
 
 
 def markdown(columns: Sequence[str], rows: Sequence[Sequence[str]], *, right: Sequence[str] = ()) -> str:
-    """A Markdown table; the columns in `right` stand at the right."""
+    """A Markdown table; the columns in `right` are aligned right."""
     rules = ["--:" if column in right else "---" for column in columns]
     lines = [[cell.replace("|", "\\|").replace("\n", " ") for cell in row] for row in (columns, rules, *rows)]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"

@@ -1,4 +1,4 @@
-"""The robots in robots/: their numbers, what stands beside them, and that they simulate."""
+"""The robots in robots/: their numbers, their `robot.toml`, and that they simulate."""
 
 from __future__ import annotations
 

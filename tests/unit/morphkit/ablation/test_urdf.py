@@ -129,7 +129,7 @@ SHARED_JOINT = '  <joint name="j{0}" type="continuous"><parent link="a"/><child 
 
 
 def sharing(*colors: str | None) -> Description:
-    """A base and links `b`, `c`, `d` of one material's name, each with a colour of its own or none."""
+    """A base and links `b`, `c`, `d` of one material's name, each with a color of its own or none."""
     color = '\n        <color rgba="{} 0 0 1"/>\n      '
     named = list(zip("bcd", colors, strict=False))
     links = [SHARING.format(name, color.format(red) if red else "") for name, red in named]
@@ -148,7 +148,7 @@ def reds(spec: mujoco.MjSpec) -> dict[str, float]:
     ("colors", "kept"),
     [
         ((".1", None, None), True),
-        ((".1", None, ".2"), True),  # `c` would get the colour of `d`
+        ((".1", None, ".2"), True),  # `c` would get the color of `d`
         ((".1", ".2", None), True),  # `d` too
         ((".1", ".1", None), False),
         ((".1", ".1", ".2"), False),
@@ -162,7 +162,7 @@ def test_what_shares_a_material_with_a_removed_link_keeps_its_colour(plain_spec,
     del before["b"]
     assert reds(plain_spec(variant.description)) == before
     assert [(loss.name, loss.limb) for loss in variant.lost if loss.kind == "material"] == [("red", "b")] * kept
-    # The definition stands where the link stood, and nothing else is new.
+    # The definition is where the link was, and nothing else is new.
     lines, old = variant.description.source.decode().split("\n"), iter(robot.source.decode().split("\n"))
     own = ['  <material name="red">', '    <color rgba=".1 0 0 1"/>', "  </material>"] if kept else []
     assert lines[2 : 2 + len(own)] == own

@@ -1,4 +1,4 @@
-"""Where a converted robot stands: its root, the joints of its base, and the floor."""
+"""Where a converted robot is: its root, the joints of its base, and the floor."""
 
 from __future__ import annotations
 

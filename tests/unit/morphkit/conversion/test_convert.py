@@ -114,7 +114,7 @@ def test_meshes_have_the_size_of_their_files(converted: tuple[Conversion, Path])
     sizes = []
     for geom in np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH):
         sizes.append(sorted((2 * model.geom_aabb[geom, 3:]).round(4).tolist()))
-    # In file order: the .dae in millimetres and twice as large, the .stl, the .stl in text.
+    # In file order: the .dae in millimeters and twice as large, the .stl, the .stl in text.
     assert sizes == [[0.4, 0.6, 0.8], [0.2, 0.3, 0.4], [0.2, 0.3, 0.4]]
     named = {Path(mesh.file).name for mesh in mujoco.MjSpec.from_file(str(path)).meshes}
     assert {file.name for file in (path.parent / "out_assets").iterdir()} == named

@@ -1,4 +1,4 @@
-"""Our facts about MJCF beside the schema that MuJoCo itself prints."""
+"""Our facts about MJCF compared with the schema that MuJoCo itself prints."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from morphkit.formats.resolve import resolve_asset
 
 @pytest.fixture
 def robot(tmp_path: Path) -> Path:
-    """A package `bot_description` with a robot in its folder `urdf`, and a secret beside the package."""
+    """A package `bot_description` with a robot in its folder `urdf`, and a secret next to the package."""
     package = tmp_path / "bot_description"
     for path in ("urdf/meshes/near.stl", "meshes/foot.stl", "urdf/other/meshes/in.stl"):
         (package / path).parent.mkdir(parents=True, exist_ok=True)

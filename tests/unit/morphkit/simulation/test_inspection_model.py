@@ -1,4 +1,4 @@
-"""Models of robots with parts missing: their shapes, masses, floor, colours and base joints."""
+"""Models of robots with parts missing: their shapes, masses, floor, colors and base joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""URDFs with shapes and colours that mean nothing are looked at, simulated and converted all the same."""
+"""URDFs with shapes and colors that mean nothing are looked at, simulated and converted all the same."""
 
 from __future__ import annotations
 

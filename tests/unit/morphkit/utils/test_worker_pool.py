@@ -21,7 +21,7 @@ from morphkit.utils.worker_pool import Failure, run
 
 @pytest.fixture(autouse=True)
 def forked(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fork even beside the threads of a test runner: what the tests hand over cannot be pickled."""
+    """Fork even while there are threads of a test runner: what the tests hand over cannot be pickled."""
     monkeypatch.setattr(worker_pool, "_context", lambda: multiprocessing.get_context("fork"))
 
 

@@ -1,4 +1,4 @@
-"""Dials of joints, in degrees and metres, and the poses and swings that they make."""
+"""Dials of joints, in degrees and meters, and the poses and swings that they make."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def limb_type(body: str, limb: int, observation: str) -> list[float]:
     """One-hot over the family's words; the first that occurs counts."""
     model, family = plain(body), BODIES[body]["robot"]
     name = model.body(limb).name
-    if family == "humanoid_2d":  # its words stand in joint names, which the published code did not look at
+    if family == "humanoid_2d":  # its words are in joint names, which the published code did not look at
         name = model.joint(model.body_jntadr[limb]).name if limb > 1 and observation == "fixed" else ""
     hits = [word in name for word in TYPE_WORDS[family]]
     return [float(i == hits.index(True)) if any(hits) else 0.0 for i in range(4)]

@@ -74,7 +74,7 @@ def test_batches_stand_side_by_side() -> None:
 
 
 class SimpleBuffer:
-    """The same replay with each next observation stored beside its transition, in a plain list."""
+    """The same replay with each next observation stored next to its transition, in a plain list."""
 
     def __init__(self, num_envs: int, sweeps: int):
         self.num_envs, self.sweeps, self.added, self.rows = num_envs, sweeps, 0, {}

@@ -24,7 +24,7 @@ from morphkit_cli.main import run as morphkit
 
 @pytest.fixture(autouse=True)
 def forked(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fork even beside the threads of a test runner, so that workers have what the tests put in place."""
+    """Fork even while there are threads of a test runner, so that workers have what the tests put in place."""
     monkeypatch.setattr(worker_pool, "_context", lambda: multiprocessing.get_context("fork"))
 
 

@@ -192,7 +192,7 @@ def test_hopper_ends_where_any_other_state_is_large() -> None:
 
 
 def test_fingers_start_within_their_travel() -> None:
-    """Noise of 0.1 would put a finger of 4 cm travel centimetres into its stop."""
+    """Noise of 0.1 would put a finger of 4 cm travel centimeters into its stop."""
     source = b"""<mujoco><worldbody><body name="palm"><geom size=".1"/>
       <body name="finger"><joint type="slide" axis="0 1 0" range="0 .04"/><geom size=".01"/></body>
       <body name="rail"><joint type="slide" axis="0 1 0"/><geom size=".01"/></body>

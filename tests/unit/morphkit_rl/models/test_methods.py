@@ -1,4 +1,4 @@
-"""All methods on robots side by side: what a network gives for a robot never depends on what stands beside it."""
+"""All methods on robots side by side: what a network gives for a robot never depends on what is next to it."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ def minilm(tmp_path_factory: pytest.TempPathFactory) -> TextEncoder:
 
 
 def reference(folder: Path, text: str, pooling: str) -> np.ndarray:
-    """What transformers gives for the text, beside other texts in a padded batch."""
+    """What transformers gives for the text, next to other texts in a padded batch."""
     import torch
     from transformers import AutoModel, AutoTokenizer
 
