@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 from morphkit.errors import ConfigError, UnknownNameError
@@ -53,10 +54,17 @@ def method_config(method: str, split: str, *, preset: str | None = None, overrid
         ConfigError: A setting makes no sense, or the preset is one of another method.
     """
     name = preset or preset_of(method)
-    by_split = paper_settings(split) if name.endswith(_PAPER) else []
+    by_split = _settings_of_split(name, split) if name.endswith(_PAPER) else []
     without_types = ['trainer.sensors=["no_ltv"]'] if method.endswith(_NO_TYPES) else []
     config = load_config(name, [f"trainer.evaluate_steps={EVALUATE_STEPS}", *by_split, *without_types, *overrides])
     base = method.removesuffix(_NO_TYPES)
     if base in method_names() and config.model.method != base:
         raise ConfigError(f"preset {name} is for method {config.model.method!r}, not for {base!r}")
     return config
+
+
+def _settings_of_split(preset: str, split: str) -> list[str]:
+    """What the study set in a split, but for settings that the preset's method does not have."""
+    own = {f"model.{field.name}" for field in dataclasses.fields(load_config(preset).model)}
+    keys = {text: text.partition("=")[0] for text in paper_settings(split)}
+    return [text for text, key in keys.items() if key in own or not key.startswith("model.")]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from morphkit_rl.models.ma_bert import frequency_code
+from morphkit_rl.models.token_transformer import frequency_code
 from tests.support.networks import layout_of, networks, rows, small
 
 

@@ -22,7 +22,7 @@ from morphkit_rl.text.encoder import TextEncoder
 from morphkit_rl.text.model_files import Pooling
 from morphkit_rl.text.tuning import TunedEncoder, make_tuner
 from morphkit_rl.training.trainer import resume, train
-from tests.support.networks import SIZE, batch_of, embed, layout_of, networks, rows, small
+from tests.support.networks import SIZE, batch_of, embed, layout_of, networks, rows, small, tiny_overrides
 from tests.support.run_folders import assert_same
 
 KNOWN = ["foot ctrl", "foot angle", "leg angle", "torso position x"]
@@ -144,11 +144,10 @@ def test_options_train_resume_and_load(
     tmp_path: Path, tiny_bert: Path, monkeypatch: pytest.MonkeyPatch, method: str, setting: str
 ) -> None:
     monkeypatch.setenv("MORPHKIT_CACHE", str(tmp_path / "cache"))
-    tiny = ["d_model=8", "layers=1", "feedforward=8", "code_size=4", f"method={method}"]
     run = ["trainer.num_envs=2", "trainer.start_steps=4", "td3.batch_size=4", "text.naming=canonical", setting]
     encoder = str(tiny_bert) if setting == "text.tune=encoder" else "minilm"
     run += [f"text.encoder={encoder}", "trainer.precision=float32"]
-    config = load_config(overrides=[*(f"model.{each}" for each in tiny), *run])
+    config = load_config(overrides=[*tiny_overrides(method), *run])
     train([load("hopper_3")], tmp_path / "whole", config, steps=12)
     assert train([load("hopper_3")], tmp_path / "run", config, steps=8).updates > 3
     assert resume(tmp_path / "run", steps=12).steps == 12
