@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -219,6 +220,26 @@ def test_mjcf_mesh_in_millimetres_beside_explicit_mass(tmp_path: Path) -> None:
     report = check_text(tmp_path, "r.xml", scaled, deep=True)
     assert not lines_of(report, "mesh-scale")
     assert not lines_of(report, "mass-density")
+
+
+def test_a_skin_that_is_missing_is_found(tmp_path: Path) -> None:
+    tail = '<deformable><skin name="s" file="gone.skn"/></deformable>'
+    report = check_text(tmp_path, "r.xml", mjcf(tail=tail), deep=False)
+    (finding,) = [each for each in report.findings if each.rule == "mesh-missing"]
+    assert finding.message.startswith("skin 's': file 'gone.skn' not found")
+
+
+def test_a_cycle_is_written_from_parent_to_child(tmp_path: Path) -> None:
+    links = "".join(f'<link name="{name}"/>' for name in "abc")
+    joints = "".join(
+        f'<joint name="{a}{b}" type="fixed"><parent link="{a}"/><child link="{b}"/></joint>'
+        for a, b in ("ab", "bc", "ca")
+    )
+    report = check_text(tmp_path, "r.urdf", f"<robot>{links}{joints}</robot>", deep=False)
+    (finding,) = [each for each in report.findings if each.rule == "cycle"]
+    loop = finding.message.removeprefix("links form a cycle: ").split(" -> ")
+    assert loop[0] == loop[-1]
+    assert {f"{a}{b}" for a, b in pairwise(loop)} == {"ab", "bc", "ca"}
 
 
 def test_every_rule_has_a_case() -> None:
