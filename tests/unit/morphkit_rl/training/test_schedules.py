@@ -236,13 +236,13 @@ def test_noise_differs_from_environment_to_environment_of_a_robot(monkeypatch: p
 
 def test_batches_drawn_ahead_are_parts_of_one_draw_and_as_many_and_large_as_otherwise() -> None:
     one = run_on(session("hopper", "arm", overrides=("trainer.start_steps=1000000", "td3.batch_size=6")), 20)
-    config, rings = one.settings.config, one.collector.rings
+    config, buffers = one.settings.config, one.collector.buffers
     ahead, apart = (replace(config, learner=replace(config.learner, sample_ahead=way)) for way in (True, False))
-    together = list(batches(ahead, rings, np.random.default_rng(3)))
-    single = list(batches(apart, rings, np.random.default_rng(3)))
+    together = list(batches(ahead, buffers, np.random.default_rng(3)))
+    single = list(batches(apart, buffers, np.random.default_rng(3)))
     updates = config.trainer.updates_per_sweep
     assert [len(batch.obs) for batch in together] == [len(batch.obs) for batch in single] == [3] * updates
-    whole = sample(rings, 3 * updates, config.td3.n_step, config.td3.discount, np.random.default_rng(3))
+    whole = sample(buffers, 3 * updates, config.td3.n_step, config.td3.discount, np.random.default_rng(3))
     for name in Batch.__slots__:
         np.testing.assert_array_equal(np.concatenate([getattr(b, name) for b in together]), getattr(whole, name))
 
@@ -269,7 +269,7 @@ def test_updates_take_the_scale_of_the_robots_that_they_are_for(monkeypatch: pyt
     monkeypatch.setattr(one.agent.learner, "update", lambda *rest: given.append(rest[-1].tolist()) or {})
     one.agent.refresh()
     for view in (one.agent.robots, *one.agent.each):
-        one.agent.update(next(iter(batches(one.settings.config, one.collector.rings, one.rng))), one.rng, view)
+        one.agent.update(next(iter(batches(one.settings.config, one.collector.buffers, one.rng))), one.rng, view)
     assert one.agent.returns is not None
     scales = one.agent.returns.scale().tolist()
     assert given == [scales, scales[:1], scales[1:]]
