@@ -10,7 +10,6 @@ from typing import Any
 
 from morphkit.description import Description
 from morphkit.errors import AssetError
-from morphkit.formats.document import document_of
 from morphkit.formats.mjcf_schema import FILE_FOLDERS, TEXTURE_FILES, file_folder, strips_paths
 from morphkit.formats.packages import split_reference
 from morphkit.formats.resolve import locate
@@ -48,12 +47,6 @@ class Mention:
     attribute: str
     folder: str
     reference: str
-
-
-def find_assets(description: Description) -> list[Asset]:
-    """The files that a description refers to, in the order of the file, each once."""
-    root = document_of(description).root
-    return [find_asset(text, description) for text in dict.fromkeys(each.reference for each in mentions(root))]
 
 
 def find_asset(reference: str, description: Description) -> Asset:

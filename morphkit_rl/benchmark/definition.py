@@ -54,10 +54,6 @@ class Benchmark:
             raise UnknownNameError(f"split {split!r} has no {missing[0]}, which task {task!r} needs")
         return {group: sets[group] for group in self.tasks[task]}
 
-    def tasks_of(self, split: str) -> tuple[str, ...]:
-        """The tasks whose groups the split has all."""
-        return tuple(task for task, groups in self.tasks.items() if set(groups) <= set(self.splits[split]))
-
 
 def load_benchmark(file: Path | None = None) -> Benchmark:
     """Read the published tasks and splits, and those of a file of one's own next to them.

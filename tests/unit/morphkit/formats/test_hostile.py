@@ -13,7 +13,8 @@ from morphkit.conversion.convert import convert
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError, MorphkitError
 from morphkit.formats import limits, xml
-from morphkit.formats.assets import find_assets
+from morphkit.formats.assets import find_asset, mentions
+from morphkit.formats.document import document_of
 from morphkit.naming.unique import TakenNames
 from morphkit.readers import read
 from morphkit.registry import load
@@ -201,6 +202,7 @@ def test_meshes_outside_are_findings_not_failures(tmp_path: Path, reference: str
     (folder / "r.urdf").write_text(f'<robot name="r">{mesh}</robot>')
     robot = load(folder / "r.urdf")
     assert len(token_spec(read(robot)).sensors) == 19
-    (asset,) = find_assets(robot)
+    (mention,) = mentions(document_of(robot).root)
+    asset = find_asset(mention.reference, robot)
     assert asset.path is None
     assert asset.problem
