@@ -149,7 +149,7 @@ def main() -> None:
     evaluation = out / "evaluation.json"
     measured = json.loads(
         step(
-            "4. Its return on every body, beside a random policy",
+            "4. Its return on every body, compared with a random policy",
             *("evaluate", run, *bodies, "--episodes", options.episodes, "--seed", options.seed, "--json"),
             into=evaluation,
         )
