@@ -1,6 +1,6 @@
 // Matrix products of blocks that fit into a core's cache, in float32 or bfloat16 with float32 sums.
 //
-// a is read in words: a float, or two bfloat16 that are neighbours along the inner axis, which the processor multiplies
+// a is read in words: a float, or two bfloat16 that are neighbors along the inner axis, which the processor multiplies
 // and adds in one step. b is packed in panels of PANEL columns, so that a step of the inner loop reads one stretch of it.
 
 #pragma once

@@ -1,4 +1,4 @@
-"""The limbs of several robots by depth: who hears whom when messages go along the trees."""
+"""The limbs of several robots by depth: which limb receives whose message, level by level."""
 
 from __future__ import annotations
 

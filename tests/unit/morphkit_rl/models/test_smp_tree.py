@@ -1,4 +1,4 @@
-"""The order in which messages go along trees."""
+"""The order in which messages are passed in trees."""
 
 from __future__ import annotations
 
