@@ -5,12 +5,8 @@ from __future__ import annotations
 import ctypes
 import functools
 import os
-import select
-import subprocess
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import published_baselines as plain
@@ -27,14 +23,13 @@ from morphkit_rl.models.perceptron_critic import PerceptronCritic
 from morphkit_rl.models.smp import MLP, Widths
 from morphkit_rl.models.transformer import EncoderLayer, Norm, read_tokens
 from morphkit_rl.models.vocabulary import Vocabulary
+from tests.support.kernels import LOAD, compiled
 from tests.support.networks import ROBOTS, SIZE, layout_of, rows, spec
 from tests.support.published_networks import assert_same_networks, random_parents
 
 ERRORS = {torch.float32: 2e-6, torch.bfloat16: 0.1}
 KINDS = {"": (torch.float32, torch.bfloat16), " -mno-avx512f": (torch.float32,)}
 """Options of the compiler, the second for narrower vectors than most servers have, and the precisions to test."""
-load = library.load
-compiled = pytest.mark.skipif(load() is None, reason="no C++ compiler, or a processor without AVX2")
 
 
 @pytest.fixture(params=[1, 3], ids="{}-threads".format)
@@ -50,7 +45,7 @@ def made_with(options: str) -> ctypes.CDLL | None:
     """Kernels compiled with these options, once for all tests even where nothing can be kept."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CXX", os.environ.get("CXX", "g++") + options)
-        return load.__wrapped__()
+        return LOAD.__wrapped__()
 
 
 @pytest.fixture(params=[(options, dtype) for options, dtypes in KINDS.items() for dtype in dtypes], ids=str)
@@ -308,24 +303,6 @@ def test_what_needs_no_gradient_gets_none_and_changes_no_other() -> None:
     assert torch.equal(whole, alone)
 
 
-def test_kernels_that_are_being_made_are_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = []
-
-    def make() -> object:
-        made.append(object())
-        time.sleep(0.2)
-        return made[0]
-
-    monkeypatch.setattr(library, "load", functools.cache(library.load.__wrapped__))
-    monkeypatch.setattr(library, "_suits_processor", lambda: True)
-    monkeypatch.setattr(library, "_open", lambda: made[0] if made else make())
-    monkeypatch.delenv(library.SWITCH, raising=False)
-    thread = library.prepare()
-    assert library.load() is made[0]
-    thread.join()
-    assert len(made) == 1
-
-
 @compiled
 def test_sizes_that_the_kernels_cannot_do_go_the_other_way() -> None:
     for layer, x, own in (
@@ -349,80 +326,3 @@ def test_published_networks_whose_layers_the_kernels_do(seed: int) -> None:
         ("amorpheus", plain.LimbActor(limbs, scalars, *sizes)),
     ):
         assert_same_networks(method, actor, plain.LimbCritic(limbs, scalars, *sizes), parents, scalars, heads)
-
-
-@pytest.fixture
-def suited(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """A processor that kernels could be made for, and a cache without them."""
-    monkeypatch.setattr(library, "_suits_processor", lambda: True)
-    monkeypatch.setenv("MORPHKIT_CACHE", str(tmp_path / "cache"))
-    monkeypatch.delenv(library.SWITCH, raising=False)
-    return tmp_path
-
-
-def compiler(folder: Path, script: str) -> str:
-    file = folder / "compiler"
-    file.write_text(f"#!/bin/sh\n{script}\n")
-    file.chmod(0o755)
-    return str(file)
-
-
-@pytest.mark.parametrize(
-    "script", ["exit 1", "sleep 60", "exit 0", 'for a; do last=$a; done; echo no library > "$last"']
-)
-def test_a_compiler_that_does_not_work_costs_the_speed_only(
-    script: str, suited: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(library, "_TIMEOUT_S", 0.5)
-    monkeypatch.setenv("CXX", compiler(suited, script))
-    assert load.__wrapped__() is None
-    assert not list(suited.glob("cache/kernels-*/*"))
-
-
-def test_a_compiler_that_hangs_is_ended_with_what_it_started(suited: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    alive, held = os.pipe()
-    monkeypatch.setattr(library, "_TIMEOUT_S", 0.5)
-    monkeypatch.setattr(library.subprocess, "Popen", functools.partial(subprocess.Popen, pass_fds=[held]))
-    monkeypatch.setenv("CXX", compiler(suited, "sleep 600 & wait"))
-    assert library.load.__wrapped__() is None
-    os.close(held)
-    assert select.select([alive], [], [], 100)[0]  # All that held the pipe have gone.
-    os.close(alive)
-
-
-def test_without_a_compiler_or_where_switched_off_there_are_no_kernels(
-    suited: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("CXX", str(suited / "missing"))
-    assert load.__wrapped__() is None
-    monkeypatch.setenv("CXX", compiler(suited, f"touch {suited}/called"))
-    monkeypatch.setenv(library.SWITCH, "0")
-    assert load.__wrapped__() is None
-    assert not (suited / "called").exists()
-    assert not (suited / "cache").exists()
-
-
-@compiled
-def test_kernels_are_made_once_and_anew_where_the_cache_cannot_be_used(
-    suited: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(library, "_SOURCES", ("small.cpp",))
-    monkeypatch.setattr(library, "_HEADERS", ())
-    monkeypatch.setattr(library.resources, "files", lambda package: suited)
-    (suited / "small.cpp").write_text('extern "C" { int answer() { return 42; } }')
-    monkeypatch.setenv("CXX", compiler(suited, f'echo >> {suited}/calls; exec {os.environ.get("CXX", "c++")} "$@"'))
-    for _ in range(2):
-        library_ = load.__wrapped__()
-        assert library_ is not None
-        assert library_.answer() == 42
-    assert len((suited / "calls").read_text().splitlines()) == 2  # compiled and linked
-    (made,) = (suited / "cache").iterdir()
-    made.unlink()
-    made.write_text("damaged")
-    again = load.__wrapped__()
-    assert again is not None
-    assert again.answer() == 42
-    monkeypatch.setenv("MORPHKIT_CACHE", str(suited / "calls" / "under-a-file"))
-    again = load.__wrapped__()
-    assert again is not None
-    assert again.answer() == 42
