@@ -15,7 +15,7 @@ from .table import table, terminal_width
 if TYPE_CHECKING:
     from morphkit_rl.benchmark.cells import Status
 
-FILE_HELP = "TOML file with tasks and splits of your own, beside the published ones."
+FILE_HELP = "TOML file with tasks and splits of your own, in addition to the published ones."
 
 ROBOTS_EXAMPLES = (
     "morphkit benchmark robots",

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from morphkit.validation.findings import Report, Severity
 
 SCHEMA_VERSION = 1
-COLOURS = {"error": "bold red", "warning": "yellow", "info": "cyan"}
+COLORS = {"error": "bold red", "warning": "yellow", "info": "cyan"}
 
 EXAMPLES = (
     "morphkit check my_robot.urdf",
@@ -43,7 +43,7 @@ def check(
         Literal["text", "json", "sarif"] | None,
         typer.Option(
             "--format",
-            help="What to print; SARIF 2.1.0 is what code hosts show beside lines.",
+            help="What to print; SARIF 2.1.0 is what code hosts show next to lines.",
             show_default="text",
         ),
     ] = None,
@@ -68,7 +68,7 @@ def check(
     printed = _printed(output, as_json=as_json, sarif=sarif)
     if explain is not None:
         if files or sarif is not None or printed == "sarif":
-            raise common.UsageError("--explain stands alone; leave out files and SARIF.")
+            raise common.UsageError("--explain takes no files and no --format sarif.")
         _explain(explain, as_json=printed == "json")
         return
     if not files:
@@ -152,7 +152,7 @@ def _explain(rule_id: str, *, as_json: bool) -> None:
 
     from .terminal import show
 
-    head = Text.assemble((rule.id, "bold"), "  ", (rule.severity, COLOURS[rule.severity]))
+    head = Text.assemble((rule.id, "bold"), "  ", (rule.severity, COLORS[rule.severity]))
     show(Text("\n").join([head, Text(rule.title), Text(f"Why: {rule.why}"), Text(f"Fix: {rule.fix}")]))
 
 
@@ -170,7 +170,7 @@ def _print(reports: Sequence[Report]) -> None:
     for report in reports:
         counts = [(report.count(level), level) for level in ("error", "warning", "info")]
         said = ", ".join(_counted(number, level) for number, level in counts if number)
-        style = next((COLOURS[level] for number, level in counts if number), "green")
+        style = next((COLORS[level] for number, level in counts if number), "green")
         show(Text.assemble(f"{report.file}: ", (said or "no findings", style)))
 
 
@@ -187,7 +187,7 @@ def _table(report: Report) -> Table:
         table.add_column(no_wrap=True)
     table.add_column(overflow="fold", ratio=1)
     for found in report.findings:
-        severity = Text(found.severity, style=COLOURS[found.severity])
+        severity = Text(found.severity, style=COLORS[found.severity])
         table.add_row(severity, Text(found.place), Text(found.rule, style="bold"), Text(found.message))
     return table
 

@@ -29,7 +29,7 @@ EXAMPLES = (
 def convert(
     robot: Annotated[str, typer.Argument(metavar="FILE", help="The URDF, or the name of a shipped robot.")],
     output: Annotated[
-        Path, typer.Argument(metavar="OUT.xml", help="The MJCF; its meshes go into OUT_assets beside it.")
+        Path, typer.Argument(metavar="OUT.xml", help="The MJCF; its meshes go into OUT_assets next to it.")
     ],
     base: Annotated[
         Literal["free", "planar", "fixed"] | None,

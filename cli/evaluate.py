@@ -88,13 +88,13 @@ def _row(result: RobotResult) -> dict[str, Any]:
         "random_mean": result.random_mean,
         "random_interval": result.random_interval,
         "random_returns": result.random_returns,
-        "normalised": result.normalised,
+        "normalized": result.normalized,
         "diverged": result.diverged,
     }
 
 
 def _print_table(found: Sequence[RobotResult]) -> None:
-    numbers = ("return", "std", "random", "random 95 %", "normalised")
+    numbers = ("return", "std", "random", "random 95 %", "normalized")
     rows = []
     for result in found:
         low, high = result.random_interval
@@ -106,7 +106,7 @@ def _print_table(found: Sequence[RobotResult]) -> None:
                 f"{result.std:.1f}",
                 f"{result.random_mean:.1f}",
                 f"{low:.1f} .. {high:.1f}",
-                "-" if result.normalised is None else f"{result.normalised:.3f}",
+                "-" if result.normalized is None else f"{result.normalized:.3f}",
             )
         )
     shown = table(("body", "trained on", *numbers), rows, right=numbers, dispensable=("std",), width=terminal_width())

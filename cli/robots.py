@@ -20,7 +20,7 @@ EXAMPLES = (
 
 
 def robots(
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, with licences and recipes.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, with licenses and recipes.")] = False,
 ) -> None:
     """List the robots that ship with morphkit.
 

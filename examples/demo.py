@@ -203,7 +203,7 @@ def draw_result(run: Path, results: list[dict[str, Any]], path: Path) -> None:
     from morphkit_rl.evaluation.figure import results_figure
     from morphkit_rl.runs.metrics_log import read_metrics
 
-    bars = [SimpleNamespace(**{**result, "normalised": result["score"]}) for result in results]
+    bars = [SimpleNamespace(**{**result, "normalized": result["score"]}) for result in results]
     try:
         results_figure(read_metrics(run), bars, path)
     except DependencyError as error:

@@ -118,7 +118,7 @@ def _drop_instance(root: Any, user: Any, named: str, limb: str) -> Iterator[Loss
 
 
 def _drop_targets(root: Any, removed: Removed) -> Iterator[Loss]:
-    """Cameras and lights stay, but no longer turn towards a body that went."""
+    """Cameras and lights stay, but no longer turn toward a body that went."""
     for element in root.iter("camera", "light"):
         target = element.get("target")
         if target is None or ("body", target) not in removed:
@@ -128,5 +128,5 @@ def _drop_targets(root: Any, removed: Removed) -> Iterator[Loss]:
             del element.attrib["mode"]
         else:
             element.set("mode", "fixed")  # the mode comes from a default class
-        reason = f"no longer turns towards body {target}; it is fixed to what carries it"
+        reason = f"no longer turns toward body {target}; it is fixed to what carries it"
         yield Loss(element.tag, element.get("name", ""), removed[("body", target)], reason)

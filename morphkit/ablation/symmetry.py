@@ -60,8 +60,8 @@ def counterparts(morphology: Morphology, positions: Mapping[str, np.ndarray], *,
         fitting = [other for other in proposed[name] if other in beside and mirror.maps(name, other)]
         if not strict and not fitting:
             fitting = [other for other in proposed[name] if other in beside and _alike(name, other, parents, positions)]
-        centred = mirror.knows(name) or not is_sided(name)
-        if not fitting and not proposed[name] and image.get(parent) == parent and centred and mirror.maps(name, name):
+        centered = mirror.knows(name) or not is_sided(name)
+        if not fitting and not proposed[name] and image.get(parent) == parent and centered and mirror.maps(name, name):
             fitting = [name]
         if not fitting and (mirror.knows(name) or (image.get(parent) != parent and not is_sided(name))):
             at_place = [other for other in beside if mirror.maps(name, other)]

@@ -22,7 +22,7 @@ Table = dict[str, dict[str, Value]]
 
 _UNITS = {
     "mass": "kg",
-    "centre of mass": "m",
+    "center of mass": "m",
     "inertia": "kg*m^2",
     "position": "m",
     "anchor": "m",
@@ -79,7 +79,7 @@ def gather_facts(description: Description) -> Facts:
     limbs = _limbs(mechanics)
     for name, mass in masses.items():
         if mass is not None:
-            limbs[name] |= {"mass": mass.mass, "centre of mass": mass.centre, "inertia": mass.moments}
+            limbs[name] |= {"mass": mass.mass, "center of mass": mass.center, "inertia": mass.moments}
     robot: dict[str, Value] = {"base": morphology.base, "family": morphology.family, "task": morphology.task}
     if mechanics.states_dynamics:
         robot["start height"] = float(mechanics.model.body_pos[mechanics.root, 2])

@@ -51,7 +51,7 @@ def without_counterpart(robot: Any) -> Iterator[Missing]:
             yield from _transmission(element, name)
         elif element.tag in ("link", "material"):
             for texture in element.iter("texture"):
-                yield Missing("texture", name, texture.sourceline, "MuJoCo's importer takes colours only")
+                yield Missing("texture", name, texture.sourceline, "MuJoCo's importer takes colors only")
         elif element.tag not in _KNOWN:
             reason = _BLOCKS.get(element.tag, "MuJoCo knows no such element")
             yield Missing(element.tag, name, element.sourceline, reason)

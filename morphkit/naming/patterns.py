@@ -41,9 +41,9 @@ def match_limbs(morphology: Morphology, pattern: str) -> list[str]:
     names = [member for limb in morphology.limbs for member in limb.members or (limb.name,)]
     if pattern in names:
         return [pattern]
-    labelled = [name for name, label in morphology.labels.items() if label == pattern]
-    if labelled:
-        return labelled
+    labeled = [name for name, label in morphology.labels.items() if label == pattern]
+    if labeled:
+        return labeled
     picked = fnmatch.filter(names, pattern) or list(_of_type(morphology, pattern)) or _of_segment(names, pattern)
     if not picked:
         limbs = [limb.name for limb in morphology.limbs]

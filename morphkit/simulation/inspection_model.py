@@ -107,7 +107,7 @@ def load_mechanics(description: Description, *, shapes: bool = True) -> Mechanic
     root_id = model.body(morphology.root.name).id
     start = _start_pose(model)
     if shapes:
-        visual_geoms.colour_limbs(model, root_id)
+        visual_geoms.color_limbs(model, root_id)
         if not has_floor:
             visual_geoms.lay_floor(model, model.geom(completion.FLOOR_NAME).id, root_id, start)
     own = {model.body(name).id: limb for name, limb in limb_of.items()}
@@ -202,7 +202,7 @@ def _refuse_infinite(model: mujoco.MjModel, file: str) -> None:
         "mass": model.body_mass,
         "inertia": model.body_inertia,
         "position": model.body_pos,
-        "centre": model.body_ipos,
+        "center": model.body_ipos,
     }
     for fact, values in facts.items():
         bad = np.flatnonzero(~np.isfinite(values.reshape(model.nbody, -1)).all(axis=1))

@@ -18,12 +18,12 @@ class LimbMass:
 
     Attributes:
         mass: kg; 0 for a limb without a mass.
-        centre: Center of mass in the frame of the limb's body, m.
+        center: Center of mass in the frame of the limb's body, m.
         moments: Principal moments of inertia about the center of mass, the smallest first, kg*m^2.
     """
 
     mass: float
-    centre: tuple[float, float, float]
+    center: tuple[float, float, float]
     moments: tuple[float, float, float]
 
 
@@ -48,15 +48,15 @@ def _together(model: mujoco.MjModel, data: mujoco.MjData, limb: int, bodies: lis
     mass = float(masses.sum())
     if mass == 0:
         return LimbMass(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    centre = masses @ data.xipos[bodies] / mass
+    center = masses @ data.xipos[bodies] / mass
     inertia = np.zeros((3, 3))
     for body, weight in zip(bodies, masses, strict=True):
         if weight > 0:
             axes = data.ximat[body].reshape(3, 3)
-            away = data.xipos[body] - centre
+            away = data.xipos[body] - center
             inertia += axes * model.body_inertia[body] @ axes.T
             inertia += weight * (away @ away * np.eye(3) - np.outer(away, away))
-    here = data.xmat[limb].reshape(3, 3).T @ (centre - data.xpos[limb])
+    here = data.xmat[limb].reshape(3, 3).T @ (center - data.xpos[limb])
     x, y, z = (float(value) for value in here)
     low, middle, high = (float(value) for value in np.linalg.eigvalsh(inertia))
     return LimbMass(mass, (x, y, z), (low, middle, high))

@@ -98,7 +98,7 @@ def load_mesh(path: Path) -> Any:
         raise AssetError(f"{path}: cannot be read as a mesh: {reason}") from error
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
         raise AssetError(f"{path}: holds no triangles")
-    factor = _metres(mesh.units) if collada else 1.0
+    factor = _meters(mesh.units) if collada else 1.0
     if not 0 < factor < math.inf:
         raise AssetError(f"{path}: states a unit of {factor:g} m")
     if factor != 1.0:
@@ -143,7 +143,7 @@ def _without_materials(path: Path) -> bytes:
     return bytes(etree.tostring(tree))
 
 
-def _metres(units: str | None) -> float:
+def _meters(units: str | None) -> float:
     """Meters that one unit is; 1 where it is unknown."""
     from trimesh.units import unit_conversion
 

@@ -14,7 +14,7 @@ def mend(robot: Any) -> Iterator[str]:
     """Take out what can be done without, in place; yield a sentence for each thing.
 
     A shape goes where it has no extent at all, and one that only decorates also where it is flat, has sizes that are no
-    numbers, or is none that URDF knows. A flat one that things touch gets a thickness of 1 micrometre.
+    numbers, or is none that URDF knows. A flat one that things touch gets a thickness of 1 micrometer.
 
     Args:
         robot: The root element of a URDF.
@@ -22,11 +22,11 @@ def mend(robot: Any) -> Iterator[str]:
     for tag in ("visual", "collision"):
         for part in list(robot.iter(tag)):
             yield from _mend_shape(part)
-    for colour in list(robot.iter("color")):
-        rgba = colour.get("rgba")
+    for color in list(robot.iter("color")):
+        rgba = color.get("rgba")
         if rgba is not None and not (len(rgba.split()) == 4 and all(map(_is_finite, rgba.split()))):
-            yield f"colour {rgba!r} is no red, green, blue and opacity; it was left out"
-            colour.getparent().remove(colour)
+            yield f"color {rgba!r} is no red, green, blue and opacity; it was left out"
+            color.getparent().remove(color)
     for mimic in list(robot.iterfind("joint/mimic")):
         joint = mimic.getparent().get("name")
         if mimic.get("joint") == joint:
@@ -51,7 +51,7 @@ def _mend_shape(part: Any) -> Iterator[str]:
         part.getparent().remove(part)
         return
     if any(map(_is_zero, words)):
-        yield f"{what} is flat and got a thickness of 1 micrometre"
+        yield f"{what} is flat and got a thickness of 1 micrometer"
         for key, each in found.items():
             shape.set(key, " ".join(_THIN if _is_zero(word) else word for word in each))
     if len(found.get("scale", ())) == 1:  # which some readers take for all three

@@ -13,7 +13,7 @@ from morphkit.simulation.completion import lowest_of
 
 HIDDEN_GROUP = 5
 _SHOWN_GROUPS = 3  # MuJoCo's viewers show groups 0 to 2.
-_DEFAULT_COLOUR = (0.5, 0.5, 0.5, 1.0)
+_DEFAULT_COLOR = (0.5, 0.5, 0.5, 1.0)
 # Of limbs whose shapes have no color, by the number of joints to the root.
 _PALETTE = (
     (0.36, 0.42, 0.52, 1.0),
@@ -69,24 +69,24 @@ def add_sticks(spec: mujoco.MjSpec, root: Any, limb_of: dict[str, str]) -> None:
 
 
 def _add_shape(body: Any, kind: Any, **shape: Any) -> None:
-    body.add_geom(type=kind, mass=0, contype=0, conaffinity=0, group=0, rgba=_DEFAULT_COLOUR, **shape)
+    body.add_geom(type=kind, mass=0, contype=0, conaffinity=0, group=0, rgba=_DEFAULT_COLOR, **shape)
 
 
 def visible_geoms(model: mujoco.MjModel) -> Iterator[int]:
     """Ids of the geoms that show, of whatever type."""
     for geom in range(model.ngeom):
-        if model.geom_group[geom] < _SHOWN_GROUPS and geom_colour(model, geom)[3] > 0:
+        if model.geom_group[geom] < _SHOWN_GROUPS and geom_color(model, geom)[3] > 0:
             yield geom
 
 
-def geom_colour(model: mujoco.MjModel, geom: int) -> np.ndarray:
+def geom_color(model: mujoco.MjModel, geom: int) -> np.ndarray:
     """Red, green, blue and opacity of a geom, each 0 to 1, shape (4,)."""
     material = model.geom_matid[geom]
-    colour: np.ndarray = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
-    return colour
+    color: np.ndarray = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
+    return color
 
 
-def colour_limbs(model: mujoco.MjModel, root: int) -> None:
+def color_limbs(model: mujoco.MjModel, root: int) -> None:
     """Give the robot's shapes that have no color of their own one that tells limb from limb, in place."""
     depth = {root: 0}
     for body in range(root + 1, model.nbody):
@@ -97,7 +97,7 @@ def colour_limbs(model: mujoco.MjModel, root: int) -> None:
         level = depth.get(int(model.geom_bodyid[geom]))
         if level is not None and model.geom_matid[geom] < 0:
             model.geom_rgba[geom, :3] = np.maximum(model.geom_rgba[geom, :3], _DARKEST)
-        plain = model.geom_matid[geom] < 0 and np.allclose(model.geom_rgba[geom], _DEFAULT_COLOUR)
+        plain = model.geom_matid[geom] < 0 and np.allclose(model.geom_rgba[geom], _DEFAULT_COLOR)
         if level is not None and plain:
             model.geom_rgba[geom] = _PALETTE[level % len(_PALETTE)]
 

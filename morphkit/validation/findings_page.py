@@ -16,19 +16,19 @@ matters and how to mend it. It goes on after the first mistake: everything that 
 $ morphkit check robot.urdf                    # exit code 1 where a file has an error, else 0; 2 if unreadable
 $ morphkit check robot.xml --severity warning  # without what is only worth knowing
 $ morphkit check *.urdf --json                 # for programs
-$ morphkit check robot.urdf --sarif out.sarif  # for code hosts, which show findings beside the lines (SARIF 2.1.0)
+$ morphkit check robot.urdf --sarif out.sarif  # for code hosts, which show findings next to the lines (SARIF 2.1.0)
 $ morphkit check robot.urdf --format sarif     # the same on stdout; so does --sarif -
 $ morphkit check --explain limit-inverted      # one entry of this page
 ```
 
 Meshes are read, and MJCF is compiled, in a process of its own with bounded time and memory, since files from strangers
 can bring such libraries down; `--quick` leaves both out. URDF is judged by its own rules, not by MuJoCo's importer.
-Lines are those of the file in which something stands, included files among them. A name of a shipped robot works in
+Lines are those of the file that holds the element, included files among them. A name of a shipped robot works in
 place of a file.
 
 An **error** breaks the robot in some tool, a **warning** is probably a mistake, an **info** is worth knowing. Masses
 and inertias of links that weigh less than 2 % of what they are fixed to are not compared with their shapes: such links
-stand for frames. Of one kind at most 200 findings a file are listed; the rest are counted.
+are taken for frames. Of one kind at most 200 findings a file are listed; the rest are counted.
 """
 
 

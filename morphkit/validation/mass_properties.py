@@ -43,7 +43,7 @@ def check_body(
     name: str,
     *,
     mass: float,
-    centre: np.ndarray | None,
+    center: np.ndarray | None,
     tensor: np.ndarray | None,
     shapes: Sequence[Sequence[Shape]],
 ) -> None:
@@ -54,7 +54,7 @@ def check_body(
         element: Where mass and inertia are.
         name: Name of the link or body.
         mass: kg.
-        centre: Center of mass in the link's frame, m; None where unknown.
+        center: Center of mass in the link's frame, m; None where unknown.
         tensor: Inertia about the center, kg*m^2, (3, 3); None where unknown.
         shapes: Alternatives, such as visuals and collisions; the one that fits best counts.
     """
@@ -68,16 +68,16 @@ def check_body(
     points = np.concatenate([shape.corners for group in shapes for shape in group])
     low, high = points.min(axis=0), points.max(axis=0)
     diagonal = float(np.linalg.norm(high - low))
-    if centre is None or diagonal < _SMALLEST_M:
+    if center is None or diagonal < _SMALLEST_M:
         return
-    outside = float(np.linalg.norm(np.maximum(0.0, np.maximum(low - centre, centre - high))))
+    outside = float(np.linalg.norm(np.maximum(0.0, np.maximum(low - center, center - high))))
     if outside > diagonal:
-        what = f"{name!r} has its centre of mass {outside:.3g} m outside its shapes, which measure {diagonal:.3g} m"
-        doc.add("centre-outside", element, what, name=name)
+        what = f"{name!r} has its center of mass {outside:.3g} m outside its shapes, which measure {diagonal:.3g} m"
+        doc.add("center-outside", element, what, name=name)
         return
     if tensor is None:
         return
-    radius = float(np.linalg.norm(points - centre, axis=1).max())
+    radius = float(np.linalg.norm(points - center, axis=1).max())
     share = float(np.linalg.eigvalsh(tensor)[2]) / (mass * radius**2)
     if not _SMALLEST_SHARE <= share <= _LARGEST_SHARE:
         gyration = np.sqrt(share) * radius

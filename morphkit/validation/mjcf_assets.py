@@ -84,7 +84,7 @@ def check_bodies(
     """Report explicit masses and inertias that do not fit the meshes of their body."""
     settings = {key: value for section in elements(doc.root, "compiler") for key, value in section.attrib.items()}
     angles = Angles(settings.get("angle") == "radian", settings.get("eulerseq", "xyz"))
-    for inertial, (mass, centre, tensor) in inertials.items():
+    for inertial, (mass, center, tensor) in inertials.items():
         body = inertial.getparent()
         geoms = elements(body, "geom")
         if not geoms or any(geom.get("mesh") not in meshes for geom in geoms):
@@ -108,7 +108,7 @@ def check_bodies(
             inertial,
             body.get("name") or "",
             mass=mass,
-            centre=np.asarray(centre) if centre is not None else None,
+            center=np.asarray(center) if center is not None else None,
             tensor=tensor,
             shapes=[shapes],
         )

@@ -37,7 +37,7 @@ def check_masses(
             inertial.element,
             name,
             mass=inertial.mass,
-            centre=inertial.centre,
+            center=inertial.center,
             tensor=inertial.tensor,
             shapes=groups,
         )

@@ -31,14 +31,14 @@ class Inertial:
     Attributes:
         element: The `<inertial>`.
         mass: kg.
-        centre: Center of mass in the link's frame, m.
+        center: Center of mass in the link's frame, m.
         tensor: Inertia about the center of mass, kg*m^2; None where it is impossible or zero.
         counts: Whether the link is a notable part of what it is fixed to.
     """
 
     element: Any
     mass: float
-    centre: np.ndarray | None
+    center: np.ndarray | None
     tensor: np.ndarray | None = None
     counts: bool = True
 
@@ -83,10 +83,10 @@ def _check_inertial(doc: CheckedDocument, name: str, link: Any) -> Inertial | No
         if mass is not None and mass < 0:
             doc.add("mass-negative", each, f"{owner} has mass {mass:g} kg", name=name)
     pose = _pose(doc, element, owner)
-    centre = pose.position if pose is not None else None
+    center = pose.position if pose is not None else None
     if mass is None or mass <= 0:
         return None
-    return Inertial(element, mass, centre)
+    return Inertial(element, mass, center)
 
 
 def _mark_negligible(tree: UrdfTree, inertials: Mapping[str, Inertial]) -> None:

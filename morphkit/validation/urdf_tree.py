@@ -153,11 +153,11 @@ def _check_materials(doc: CheckedDocument) -> None:
     inline = [material for link in elements(doc.root, "link") for material in link.iter("material")]
     defined = {each.get("name") for each in [*top, *inline] if len(elements(each))}
     used = {each.get("name") for each in inline}
-    for colour in (colour for material in [*top, *inline] for colour in elements(material, "color")):
-        owner = f"material {colour.getparent().get('name')!r}"
-        if colour.get("rgba") is None:
-            doc.add("number-invalid", colour, f"<color> of {owner} has no rgba")
-        read_numbers(doc, colour, "rgba", range(4, 5), owner=owner)
+    for color in (color for material in [*top, *inline] for color in elements(material, "color")):
+        owner = f"material {color.getparent().get('name')!r}"
+        if color.get("rgba") is None:
+            doc.add("number-invalid", color, f"<color> of {owner} has no rgba")
+        read_numbers(doc, color, "rgba", range(4, 5), owner=owner)
     for material in inline:
         name = material.get("name")
         if name and name not in defined:

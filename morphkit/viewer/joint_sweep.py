@@ -41,7 +41,7 @@ def swing_shots(mechanics: Mechanics) -> list[Shot]:
     """
     moving = dials(mechanics)
     if not moving:
-        raise ConfigError(f"{mechanics.description.file}: no joint to swing; --png draws the robot as it stands")
+        raise ConfigError(f"{mechanics.description.file}: no joint to swing; --png draws it in its start pose")
     steps = int(np.clip(FPS * _SECONDS / len(moving), _FEWEST, _MOST))
     return [(dial, value) for dial in moving for value in swing(dial, steps)]
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from morphkit.simulation.build import Simulation
 
 _GIF_FPS = 50.0  # Viewers slow faster ones down.
-_GIF_COLOURS = 192
+_GIF_COLORS = 192
 _NAME_HEIGHT = 30  # pixels
 
 
@@ -155,7 +155,7 @@ def _write_gif(frames: Iterable[np.ndarray], path: Path, fps: float) -> None:
     for frame in itertools.islice(frames, 0, None, step):
         full = image.fromarray(frame)
         if palette is None:
-            palette = full.quantize(_GIF_COLOURS, dither=image.Dither.NONE)
+            palette = full.quantize(_GIF_COLORS, dither=image.Dither.NONE)
         pictures.append(full.quantize(palette=palette, dither=image.Dither.NONE))
     ends = np.round(np.arange(len(pictures) + 1) * 100 * step / fps).astype(int) * 10  # GIF counts in 10 ms.
     durations = np.maximum(20, np.diff(ends)).tolist()

@@ -69,15 +69,15 @@ def tile_floor(scene: Any, target: np.ndarray, reach: float) -> None:
     first = np.floor(target[:2] / side).astype(int) - _TILE_RADIUS
     for x, y in np.ndindex(2 * _TILE_RADIUS, 2 * _TILE_RADIUS):
         column, row = first[0] + x, first[1] + y
-        centre = np.array([(column + 0.5) * side, (row + 0.5) * side, height - half[2]])
-        tile = _add(scene, mujoco.mjtGeom.mjGEOM_BOX, half, centre, _TILES[(column + row) % 2])
+        center = np.array([(column + 0.5) * side, (row + 0.5) * side, height - half[2]])
+        tile = _add(scene, mujoco.mjtGeom.mjGEOM_BOX, half, center, _TILES[(column + row) % 2])
         tile.category = mujoco.mjtCatBit.mjCAT_STATIC
 
 
-def _add(scene: Any, kind: Any, size: np.ndarray, position: np.ndarray, colour: tuple[float, ...]) -> Any:
+def _add(scene: Any, kind: Any, size: np.ndarray, position: np.ndarray, color: tuple[float, ...]) -> Any:
     import mujoco
 
     geom = scene.geoms[scene.ngeom]
-    mujoco.mjv_initGeom(geom, kind, size, position, np.eye(3).ravel(), np.array(colour, dtype=np.float32))
+    mujoco.mjv_initGeom(geom, kind, size, position, np.eye(3).ravel(), np.array(color, dtype=np.float32))
     scene.ngeom += 1
     return geom

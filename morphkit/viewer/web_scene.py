@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from morphkit.simulation.inspection_model import Mechanics
-from morphkit.simulation.visual_geoms import geom_colour, visible_geoms
+from morphkit.simulation.visual_geoms import geom_color, visible_geoms
 from morphkit.viewer.camera import viewpoint
 from morphkit.viewer.geom_meshes import surface
 
@@ -98,13 +98,13 @@ class RobotScene:
             mesh = surface(model, geom)
             if mesh is None:
                 continue
-            colour = geom_colour(model, geom)
+            color = geom_color(model, geom)
             handle = scene.add_mesh_simple(
                 f"{path}/{geom}",
                 mesh.vertices,
                 mesh.faces,
-                color=tuple(round(255 * min(_WHITEST, float(value))) for value in colour[:3]),
-                opacity=float(colour[3]) if colour[3] < 1 else None,
+                color=tuple(round(255 * min(_WHITEST, float(value))) for value in color[:3]),
+                opacity=float(color[3]) if color[3] < 1 else None,
                 side="double",
                 position=model.geom_pos[geom],
                 wxyz=model.geom_quat[geom],
@@ -117,8 +117,8 @@ class RobotScene:
 def _sky() -> np.ndarray:
     """Picture of a sky that gets lighter downwards, uint8: white robots are easy to see before it."""
     share = np.linspace(0, 1, 90)[:, None, None]
-    colours = (1 - share) * np.array(_SKY_TOP) + share * np.array(_SKY_BOTTOM)
-    return np.broadcast_to(colours, (90, 160, 3)).astype(np.uint8)
+    colors = (1 - share) * np.array(_SKY_TOP) + share * np.array(_SKY_BOTTOM)
+    return np.broadcast_to(colors, (90, 160, 3)).astype(np.uint8)
 
 
 def body_path(name: str) -> str:
@@ -132,7 +132,7 @@ def _look(model: mujoco.MjModel, geoms: list[int]) -> bytes:
     for geom in geoms:
         arrays = [model.geom_type, model.geom_size, model.geom_pos, model.geom_quat]
         parts += [np.ascontiguousarray(array[geom]).tobytes() for array in arrays]
-        parts.append(geom_colour(model, geom).tobytes())
+        parts.append(geom_color(model, geom).tobytes())
         mesh = int(model.geom_dataid[geom])
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH and mesh >= 0:
             first = model.mesh_vertadr[mesh]

@@ -238,7 +238,7 @@ def build_networks(
 
 @torch.no_grad()
 def polyak(average: nn.Module, net: nn.Module, share: float) -> None:
-    """Move a network's running average by `share` towards it."""
+    """Move a network's running average by `share` toward it."""
     torch._foreach_lerp_(list(average.parameters()), list(net.parameters()), share)
 
 

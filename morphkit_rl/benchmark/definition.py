@@ -118,7 +118,7 @@ def _sets(values: Any, where: str, folder: Path) -> Sets:
     for name in (*train, *test):
         if (*train, *test).count(name) > 1:
             both = "in train and in test" if name in train and name in test else "twice"
-            raise ConfigError(f"{where}: {name!r} stands {both}")
+            raise ConfigError(f"{where}: {name!r} is listed {both}")
     return Sets(train, test)
 
 

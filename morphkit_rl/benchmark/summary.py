@@ -18,7 +18,7 @@ from morphkit_rl.benchmark.statistics import (
     interquartile_mean,
     probability_of_improvement,
 )
-from morphkit_rl.evaluation.episodes import normalised
+from morphkit_rl.evaluation.episodes import normalized
 
 Role = Literal["train", "validation", "test"]
 
@@ -110,7 +110,7 @@ class Improvement:
     probability: Estimate
 
 
-def summarise(cells: Sequence[Status]) -> list[Entry]:
+def summarize(cells: Sequence[Status]) -> list[Entry]:
     """One entry a split, task and method, in the order of the cells.
 
     Raises:
@@ -126,7 +126,7 @@ def overall(entries: Sequence[Entry], of_tasks: Callable[[str], int]) -> list[Ov
     """One row a split and method.
 
     Args:
-        entries: Of `summarise`.
+        entries: Of `summarize`.
         of_tasks: Number of tasks with held-out robots in a split.
     """
     found = []
@@ -228,7 +228,7 @@ def _scores(cells: Sequence[Status], role: Role) -> np.ndarray:
 
 
 def _score(robot: dict[str, Any]) -> float | None:
-    return normalised(robot["mean"], robot["random_mean"], robot["expert_return"])
+    return normalized(robot["mean"], robot["random_mean"], robot["expert_return"])
 
 
 def _robots(each: Status, role: Role) -> list[dict[str, Any]]:

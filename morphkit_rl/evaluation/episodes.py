@@ -105,6 +105,6 @@ def mean_interval(returns: Sequence[float]) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def normalised(value: float, random: float, expert: float | None) -> float | None:
+def normalized(value: float, random: float, expert: float | None) -> float | None:
     """(value - random) / (expert - random); None where no expert return is known."""
     return None if expert is None else (value - random) / (expert - random)

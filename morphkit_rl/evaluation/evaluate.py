@@ -18,7 +18,7 @@ from morphkit.simulation.build import Simulation
 from morphkit_rl.algorithms.policy import Policy
 from morphkit_rl.envs.batch_env import BatchEnv
 from morphkit_rl.envs.robot import Robot
-from morphkit_rl.evaluation.episodes import RobotReturns, mean_interval, normalised, play, random_controller
+from morphkit_rl.evaluation.episodes import RobotReturns, mean_interval, normalized, play, random_controller
 from morphkit_rl.runs import run_settings
 
 
@@ -47,9 +47,9 @@ class RobotResult(RobotReturns):
         return mean_interval(self.random_returns)
 
     @property
-    def normalised(self) -> float | None:
+    def normalized(self) -> float | None:
         """(return - random) / (expert - random); None where no expert return is known."""
-        return normalised(self.mean, self.random_mean, self.expert_return)
+        return normalized(self.mean, self.random_mean, self.expert_return)
 
 
 def evaluate(

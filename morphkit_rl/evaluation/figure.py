@@ -49,7 +49,7 @@ class Result(Protocol):
         """Interval of the random policy's mean return, low and high."""
 
     @property
-    def normalised(self) -> float | None:
+    def normalized(self) -> float | None:
         """(mean - random) / (expert - random); None without an expert's return."""
 
 
@@ -135,7 +135,7 @@ def _draw_bars(axes: Axes, results: Sequence[Result]) -> None:
     from matplotlib.patches import Patch
 
     axes.set_title("Trained policy against random actions")
-    scored = any(result.normalised is not None for result in results)
+    scored = any(result.normalized is not None for result in results)
     axes.set_xlabel("return of an episode (sum of rewards)" + ("; score: 0 random, 1 expert" if scored else ""))
     if not results:
         _say(axes, "nothing was evaluated")
@@ -144,8 +144,8 @@ def _draw_bars(axes: Axes, results: Sequence[Result]) -> None:
     axes.set_axisbelow(True)
     axes.axvline(0, color=_INK, linewidth=0.8)
     for row, result in enumerate(results):
-        colour = _TRAINED if result.trained_on else _HELD_OUT
-        axes.barh(row - 0.19, result.mean, height=0.36, color=colour, hatch=None if result.trained_on else "//",
+        color = _TRAINED if result.trained_on else _HELD_OUT
+        axes.barh(row - 0.19, result.mean, height=0.36, color=color, hatch=None if result.trained_on else "//",
                   edgecolor="white", linewidth=0)  # fmt: skip
         axes.plot(result.returns, np.full(len(result.returns), row - 0.19), linestyle="", marker="o", markersize=3.2,
                   color=_INK, alpha=0.55)  # fmt: skip
@@ -175,7 +175,7 @@ def _draw_bars(axes: Axes, results: Sequence[Result]) -> None:
 
 
 def _bar_text(result: Result) -> str:
-    score = "" if result.normalised is None else f"  (score {result.normalised:.2f})".replace("-", "\u2212")
+    score = "" if result.normalized is None else f"  (score {result.normalized:.2f})".replace("-", "\u2212")
     return f"{result.mean:,.0f}".replace(",", "\u2009").replace("-", "\u2212") + score
 
 

@@ -12,7 +12,7 @@ from morphkit_rl.algorithms.agent import Agent
 from morphkit_rl.config.train_config import TrainerConfig
 from morphkit_rl.envs.batch_env import BatchEnv
 from morphkit_rl.envs.robot import Robot
-from morphkit_rl.evaluation.episodes import normalised, play, random_controller
+from morphkit_rl.evaluation.episodes import normalized, play, random_controller
 
 _STREAM = 3  # keeps the start states apart from those of training
 
@@ -65,7 +65,7 @@ class Monitor:
             robot.name: {
                 "mean": float(own.mean()),
                 "returns": own.tolist(),
-                "score": normalised(float(own.mean()), random, robot.simulation.description.info.expert_return),
+                "score": normalized(float(own.mean()), random, robot.simulation.description.info.expert_return),
             }
             for robot, own, random in zip(self.robots, returns, self._random, strict=True)
         }

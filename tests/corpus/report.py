@@ -25,10 +25,10 @@ and with all below it. A file gives tokens or a precise error; anything else is 
 things:
 
 - The robot is the one that `MjSpec.delete` leaves: all arrays of the two compiled models within 1e-9, and the names of
-  their elements. Cameras and lights that `MjSpec.delete` leaves turned towards a removed body are turned away from it
+  their elements. Cameras and lights that `MjSpec.delete` leaves turned toward a removed body are turned away from it
   first: MuJoCo does not compile them.
 - New lines of the file are no more than the losses that the cut lists; a line that only lost words is not new.
-- An element that is gone or changed stood in the removed limb, or mentions what stood there or a listed loss.
+- An element that is gone or changed was in the removed limb, or mentions what was there or a listed loss.
 
 The last two hold for files with their includes written out, but not where MuJoCo had to write out a `replicate` or
 `attach`.
@@ -41,7 +41,7 @@ for robots of which that form does not compile, for limbs whose skin `MjSpec.del
 a robot after 2 s with meshes. Both models are changed in the same way until MuJoCo compiles them: every mesh is a small
 tetrahedron and a missing height field a small sphere; sizes of 0 become 1 mm, masses are bounded and inertias balanced;
 skins, lengths of muscles and limits on memory are left out; a free joint that hangs on a body becomes a ball joint, and
-a ball joint's range starts at 0; materials and geoms that are named but stand in no file of the robot are added; and
+a ball joint's range starts at 0; materials and geoms that are named but are in no file of the robot are added; and
 what MuJoCo's importer cannot parse of a URDF is left out or filled in (a second axis, an inertial without inertia, a
 mesh's scale of four numbers).
 

@@ -17,7 +17,7 @@ from morphkit.tokens.spec import TokenSpec, token_spec
 
 
 def attempt(source: bytes) -> str:
-    """Read, tokenise, simulate and cut; return how far it got.
+    """Read, tokenize, simulate and cut; return how far it got.
 
     What is cut depends on the bytes alone.
     """

@@ -54,8 +54,8 @@ def robot(folder: Path) -> Path:
     box.export(folder / "meshes" / "text.stl", file_type="stl_ascii")
     box.apply_scale(1000)
     dae = trimesh.exchange.dae.export_collada(box).decode()
-    millimetres = dae.replace("</asset>", '<unit name="millimeter" meter="0.001"/></asset>')
-    (folder / "meshes" / "part.dae").write_text(millimetres)
+    millimeters = dae.replace("</asset>", '<unit name="millimeter" meter="0.001"/></asset>')
+    (folder / "meshes" / "part.dae").write_text(millimeters)
     path = folder / "everything.urdf"
     path.write_text(EVERYTHING)
     return path

@@ -54,7 +54,7 @@ def write_bars(
     def draw(axes: Axes, task: str) -> None:
         _draw(axes, task, bars[task], published[task], methods)
 
-    handles: list[Any] = [Patch(color=style.colour(name, methods), label=style.label(name)) for name in methods]
+    handles: list[Any] = [Patch(color=style.color(name, methods), label=style.label(name)) for name in methods]
     handles.append(
         Line2D(
             [], [], linestyle="", marker="o", markersize=4, markerfacecolor="white", color=style.INK, label="one seed"
@@ -68,7 +68,7 @@ def write_bars(
 
 def _published(name: str, methods: Sequence[str]) -> dict[str, Any]:
     hatch = "....." if name.endswith("-no-ltv") else "////"
-    return {"facecolor": "white", "edgecolor": style.colour(name, methods), "hatch": hatch, "linewidth": 1.0}
+    return {"facecolor": "white", "edgecolor": style.color(name, methods), "hatch": hatch, "linewidth": 1.0}
 
 
 def _bar(entry: Entry) -> Bar:
@@ -96,7 +96,7 @@ def _draw(
     tops = [0.0, *published.values()]
     for base in dict.fromkeys(style.base_of(name) for name in (*methods, *published)):
         for method in (each for each in methods if style.base_of(each) == base):
-            tops += _draw_own(axes, place, bars.get(method), style.colour(method, methods))
+            tops += _draw_own(axes, place, bars.get(method), style.color(method, methods))
             place += 1
         for method in (each for each in published if style.base_of(each) == base):
             axes.bar(place, published[method], width=0.8, **_published(method, methods))
@@ -106,20 +106,20 @@ def _draw(
     low, high = min(tops), max(tops)
     room = (high - low) or 1.0
     axes.set_ylim(low - (0.12 * room if low < 0 else 0), high + 0.15 * room)
-    centre, half = place / 2 - 0.675, max(place / 2, 2.2)
-    axes.set_xlim(centre - half, centre + half)
+    center, half = place / 2 - 0.675, max(place / 2, 2.2)
+    axes.set_xlim(center - half, center + half)
     axes.axhline(0, color=style.INK, linewidth=0.9)
     remarks = [bar.remark for bar in bars.values() if bar.remark] or ([] if bars else ["not in this matrix"])
     axes.text(0.0, -0.03, "\n".join(remarks), transform=axes.transAxes, va="top", fontsize=7.5, color=style.QUIET)
 
 
-def _draw_own(axes: Axes, place: float, bar: Bar | None, colour: str) -> list[float]:
+def _draw_own(axes: Axes, place: float, bar: Bar | None, color: str) -> list[float]:
     """Draw one bar, or a dash where there is none; returns what the panel has to show."""
     if bar is None or bar.estimate is None:
-        axes.text(place, 0, "none\nyet", ha="center", va="bottom", fontsize=7.5, color=colour, linespacing=0.9)
+        axes.text(place, 0, "none\nyet", ha="center", va="bottom", fontsize=7.5, color=color, linespacing=0.9)
         return []
     value, low, high = bar.estimate.value, bar.estimate.low, bar.estimate.high
-    axes.bar(place, value, width=0.8, color=colour)
+    axes.bar(place, value, width=0.8, color=color)
     tops = [value]
     if low is not None and high is not None:
         axes.plot([place, place], [low, high], color=style.INK, linewidth=1.4, solid_capstyle="butt", zorder=3)

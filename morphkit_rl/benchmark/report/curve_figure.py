@@ -45,7 +45,7 @@ def write_curves(
         _draw(axes, task, [each for each in entries if each.task == task], methods, levels[task], measure)
 
     handles: list[Any] = [
-        Line2D([], [], color=style.colour(name, methods), linewidth=2.2, label=style.label(name)) for name in methods
+        Line2D([], [], color=style.color(name, methods), linewidth=2.2, label=style.label(name)) for name in methods
     ]
     if any(len(each.done) > 1 for each in entries):
         handles.append(Patch(color=style.QUIET, alpha=0.25, label="95 % interval over seeds"))
@@ -56,7 +56,7 @@ def write_curves(
             Line2D(
                 [],
                 [],
-                color=style.colour(name, methods),
+                color=style.color(name, methods),
                 label=f"{style.label(name)}, published",
                 **_published(name),
             )
@@ -81,12 +81,12 @@ def _draw(
     remarks = []
     ends = [0.0]
     for entry in entries:
-        ends += _draw_method(axes, entry, style.colour(entry.method, methods), measure)
+        ends += _draw_method(axes, entry, style.color(entry.method, methods), measure)
         if len(entry.done) < len(entry.cells):
             remarks.append(f"{style.label(entry.method)}: {entry.states}")
     end = max(ends) or float(published_steps())
     for name, level in levels.items():
-        look: dict[str, Any] = {"color": style.colour(name, methods), "markevery": [1], "clip_on": False, "zorder": 1.5}
+        look: dict[str, Any] = {"color": style.color(name, methods), "markevery": [1], "clip_on": False, "zorder": 1.5}
         axes.plot([0, end], [level, level], **look, **_published(name))
     if len(ends) == 1:
         style.say(axes, "no values yet" if entries else "not in this matrix")
@@ -95,17 +95,17 @@ def _draw(
     style.remark(axes, remarks)
 
 
-def _draw_method(axes: Axes, entry: Entry, colour: str, measure: Measure) -> list[float]:
+def _draw_method(axes: Axes, entry: Entry, color: str, measure: Measure) -> list[float]:
     """Draw the seeds that are done as one band and every other one as a thin line; returns the last step of each."""
     curves = [(cell.state == "done", seed_curve(cell, measure)) for cell in entry.cells if cell.state != "not started"]
     done = [curve for is_done, curve in curves if curve and is_done]
     for is_done, curve in curves:
         if curve and not is_done:
-            axes.plot(curve.steps, curve.values.mean(axis=1), color=colour, linewidth=0.8, alpha=0.8)
+            axes.plot(curve.steps, curve.values.mean(axis=1), color=color, linewidth=0.8, alpha=0.8)
     together = band(done, interquartile_mean if measure == "score" else mean_of_means) if done else None
     if together:
         marker = "o" if len(together.steps) == 1 else None
-        axes.plot(together.steps, together.values, color=colour, linewidth=2.0, marker=marker, zorder=3)
+        axes.plot(together.steps, together.values, color=color, linewidth=2.0, marker=marker, zorder=3)
         if together.low is not None and together.high is not None:
-            axes.fill_between(together.steps, together.low, together.high, color=colour, alpha=0.2, linewidth=0)
+            axes.fill_between(together.steps, together.low, together.high, color=color, alpha=0.2, linewidth=0)
     return [float(curve.steps[-1]) for _, curve in curves if curve]

@@ -32,7 +32,7 @@ _STYLE = {
 }  # fmt: skip
 
 
-def colour(method: str, methods: Sequence[str]) -> str:
+def color(method: str, methods: Sequence[str]) -> str:
     """A method's color: its own, that of the method it is a preset of, or one of the others in order."""
     base = base_of(method)
     if own := _own_color(base):

@@ -19,7 +19,7 @@ from morphkit_rl.benchmark.report.bar_figure import write_bars
 from morphkit_rl.benchmark.report.curve_figure import write_curves
 from morphkit_rl.benchmark.report.figure_style import order as method_order
 from morphkit_rl.benchmark.report.markdown import write_markdown
-from morphkit_rl.benchmark.summary import Entry, Improvement, Overall, improvements, overall, robot_rows, summarise
+from morphkit_rl.benchmark.summary import Entry, Improvement, Overall, improvements, overall, robot_rows, summarize
 
 MARKER = "report.json"
 """The file by which a folder is known to be a report, and may be replaced by a newer one."""
@@ -54,7 +54,7 @@ def write_report(matrix: Path, folder: Path) -> list[Path]:
         for split in splits
     }
     order = {task: place for tasks in panels.values() for place, task in enumerate(tasks)}
-    entries = sorted(summarise(cells), key=lambda each: (each.split, order[each.task], method_order(each.method)))
+    entries = sorted(summarize(cells), key=lambda each: (each.split, order[each.task], method_order(each.method)))
     with_held_out = {split: _with_held_out(split, panels[split], entries) for split in splits}
     totals = overall(entries, lambda split: len(with_held_out[split]))
     pairs = improvements(entries)

@@ -91,8 +91,8 @@ def test_explain(capsys: pytest.CaptureFixture[str]) -> None:
     ("arguments", "expected"),
     [
         ([], "say which files"),
-        (["bad.urdf", "--explain", "cycle"], "stands alone"),
-        (["--explain", "cycle", "--format", "sarif"], "stands alone"),
+        (["bad.urdf", "--explain", "cycle"], "takes no files"),
+        (["--explain", "cycle", "--format", "sarif"], "takes no files"),
         (["bad.urdf", "--json", "--sarif", "-"], "only one of json and sarif"),
         (["bad.urdf", "--json", "--format", "text"], "only one of json and text"),
         (["no.urdf"], "no such file"),

@@ -101,8 +101,8 @@ def test_the_other_side_goes_too():
     assert variant.description.name == "quadruped-no-FL_calf-FR_calf-RL_hip-RR_hip"
     kept = ablate(load("quadruped"), keep=["RR_thigh"], mirror=True)
     assert kept.limbs == ("trunk", "RL_hip", "RL_thigh", "RR_hip", "RR_thigh")
-    centred = ablate(load("cheetah"), remove=["bfoot"], mirror=True)
-    assert centred.removed == ("bfoot",)
+    centered = ablate(load("cheetah"), remove=["bfoot"], mirror=True)
+    assert centered.removed == ("bfoot",)
 
 
 def test_a_limb_without_the_counterpart_that_its_name_promises_is_an_error():

@@ -155,7 +155,7 @@ def reds(spec: mujoco.MjSpec) -> dict[str, float]:
         ((None, ".1", None), False),
     ],
 )
-def test_what_shares_a_material_with_a_removed_link_keeps_its_colour(plain_spec, colors, kept):
+def test_what_shares_a_material_with_a_removed_link_keeps_its_color(plain_spec, colors, kept):
     robot = sharing(*colors)
     variant = ablate(robot, remove=["b"])
     before = reds(plain_spec(robot))

@@ -146,7 +146,7 @@ def test_a_spliced_limb_leaves_its_child_elsewhere() -> None:
     assert (moved_limb.name, moved_limb.before, moved_limb.after) == ("bfoot", "bshin", "bthigh")
 
 
-def test_renamed_limbs_are_recognised() -> None:
+def test_renamed_limbs_are_recognized() -> None:
     """By their joint's name, by their name in plain words, or by place and shape."""
     by_joint = compare(mjcf(), mjcf((b'name="leg"', b'name="zzz"')))
     assert by_joint.limbs == {"trunk": "trunk", "leg": "zzz"}
@@ -224,7 +224,7 @@ def test_command_prints_json_and_tells_by_its_exit_code(capsys: pytest.CaptureFi
     assert run(["diff", "cheetah", "nothing.urdf"]) == 2
 
 
-def test_output_into_a_pipe_has_no_colour_and_whole_lines(capsys: pytest.CaptureFixture[str]) -> None:
+def test_output_into_a_pipe_has_no_color_and_whole_lines(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["diff", "planar_cheetah", "cheetah"]) == 1
     lines = capsys.readouterr().out.splitlines()
     assert not any("\x1b" in line for line in lines)
@@ -242,7 +242,7 @@ def written_to(terminal: int) -> str:
 
 
 @pytest.mark.parametrize("no_color", [False, True])
-def test_a_terminal_gets_colours_unless_it_wants_none(no_color: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_terminal_gets_colors_unless_it_wants_none(no_color: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pty")
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.delenv("NO_COLOR", raising=False)

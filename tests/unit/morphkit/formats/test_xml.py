@@ -58,7 +58,7 @@ def test_a_comment_may_speak_of_doctype() -> None:
         BODY,
         BODY + b"\n",
         b'<?xml version="1.0"?>\n' + BODY + b"\n\n",
-        b"<?xml version='1.0' encoding='UTF-8' standalone='yes'?>\n\n<!-- licence -->\n<?pi x?>\n" + BODY,
+        b"<?xml version='1.0' encoding='UTF-8' standalone='yes'?>\n\n<!-- license -->\n<?pi x?>\n" + BODY,
         BODY + b"\n<!-- after </mujoco> -->\n<?pi y?>\n",
         b"\xef\xbb\xbf" + BODY,
         BODY.replace(b"\n", b"\r\n"),

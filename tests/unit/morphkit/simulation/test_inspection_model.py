@@ -12,7 +12,7 @@ from morphkit.description import Description
 from morphkit.registry import load
 from morphkit.simulation.inspection_model import base_joints, load_mechanics
 from morphkit.simulation.limb_inertia import limb_masses
-from morphkit.simulation.visual_geoms import geom_colour, visible_geoms
+from morphkit.simulation.visual_geoms import geom_color, visible_geoms
 from tests.support.small_robots import BOX, JOINT, LINK, MESH, arm, mjcf, urdf
 
 
@@ -57,7 +57,7 @@ def test_masses_of_fixed_links_belong_to_the_limb() -> None:
     mass = limb_masses(load_mechanics(robot))["a"]
     assert mass is not None
     assert mass.mass == 2.0
-    assert mass.centre == pytest.approx((0, 0, 0.25))
+    assert mass.center == pytest.approx((0, 0, 0.25))
     assert mass.moments == pytest.approx((0.2, 0.2 + 2 * 0.25**2, 0.2 + 2 * 0.25**2))
 
 
@@ -78,12 +78,12 @@ def test_the_floor_is_right_below_the_robot() -> None:
     assert data.geom("morphkit_floor").xpos[2] == pytest.approx(-0.2)
 
 
-def test_colours_of_the_file_are_kept_and_others_tell_limbs_apart() -> None:
+def test_colors_of_the_file_are_kept_and_others_tell_limbs_apart() -> None:
     model = load_mechanics(mjcf("<body name='x'><joint/><geom name='g' size='.1' rgba='1 0.5 0.25 1'/></body>")).model
-    assert geom_colour(model, model.geom("g").id) == pytest.approx([1, 0.5, 0.25, 1])
+    assert geom_color(model, model.geom("g").id) == pytest.approx([1, 0.5, 0.25, 1])
     plain = load_mechanics(arm(BOX.format("visual"), BOX.format("visual"))).model
-    colours = {tuple(geom_colour(plain, geom)) for geom in visible_geoms(plain) if plain.geom_bodyid[geom] > 0}
-    assert len(colours) == 3
+    colors = {tuple(geom_color(plain, geom)) for geom in visible_geoms(plain) if plain.geom_bodyid[geom] > 0}
+    assert len(colors) == 3
 
 
 def test_base_joints() -> None:

@@ -90,7 +90,7 @@ def test_what_is_shown_and_converted_stands_as_in_the_file(tmp_path: Path, up: s
     np.testing.assert_allclose(trimesh.load(mesh, force="mesh").bounds, CORNERS / 100, atol=1e-6)
 
 
-def test_masses_are_compared_with_shapes_in_metres(tmp_path: Path) -> None:
+def test_masses_are_compared_with_shapes_in_meters(tmp_path: Path) -> None:
     # A volume of 1 in centimeters: 1 g there is as dense as water, 1 kg is not.
     collada(tmp_path, up="Y")
     found = {}

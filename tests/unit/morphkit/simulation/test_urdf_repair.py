@@ -48,7 +48,7 @@ def test_flat_collisions_stay() -> None:
 
 
 @pytest.mark.parametrize("rgba", ["1 0 0", "1 0 0 0 1", "1 0 0 x", "nan 0 0 1", ""])
-def test_what_is_no_colour_goes(rgba: str) -> None:
+def test_what_is_no_color_goes(rgba: str) -> None:
     material = f'<material name="m"><color rgba="{rgba}"/></material>'
     robot = urdf(INERTIAL + shape("visual", '<sphere radius="0.1"/>', material))
     conversion = convert(robot)
@@ -56,7 +56,7 @@ def test_what_is_no_colour_goes(rgba: str) -> None:
     conversion.spec.compile()
 
 
-def test_colours_stay() -> None:
+def test_colors_stay() -> None:
     material = '<material name="m"><color rgba="1 0.5 0 1"/></material>'
     (geom,) = convert(urdf(INERTIAL + shape("visual", '<sphere radius="0.1"/>', material))).spec.geoms
     assert geom.rgba.tolist() == [1, 0.5, 0, 1]

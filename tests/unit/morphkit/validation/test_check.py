@@ -73,7 +73,7 @@ URDFS = {
     "inertia-triangle": (urdf(leg=inertial(inertia=moments("0.01", "0.01", "0.03"))), 3),
     "inertia-rounded": (urdf(leg=inertial(inertia=moments("0.01", "0.01", "0.02001"))), 3),
     "inertia-size": (urdf(leg=inertial(inertia=moments("10", "10", "10")) + BALL), 3),
-    "centre-outside": (urdf(leg=inertial(origin='<origin xyz="30 0 0"/>') + BALL), 3),
+    "center-outside": (urdf(leg=inertial(origin='<origin xyz="30 0 0"/>') + BALL), 3),
     "mass-density": (urdf(leg=inertial("5000", moments("20", "20", "20")) + BALL), 3),
     "geometry-missing": (urdf(leg=inertial() + "<collision/>"), 3),
     "geometry-empty": (urdf(leg=inertial() + BALL + visual('<box size="0 0 0"/>')), 3),
@@ -145,7 +145,7 @@ def test_mjcf_with_one_mistake(tmp_path: Path, rule: str) -> None:
         ("<material name='m'><color/></material>", ["number-invalid", "asset-unused"]),
     ],
 )
-def test_what_is_left_of_xacro_and_colours(tmp_path: Path, extra: str, rules_found: list[str]) -> None:
+def test_what_is_left_of_xacro_and_colors(tmp_path: Path, extra: str, rules_found: list[str]) -> None:
     text = urdf(extra=extra).replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ')
     report = check_text(tmp_path, "r.urdf", text, deep=False)
     assert [found.rule for found in report.findings] == rules_found

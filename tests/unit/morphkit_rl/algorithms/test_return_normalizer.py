@@ -45,7 +45,7 @@ def test_nothing_seen_and_no_reward_leave_finite_scales() -> None:
     assert np.isfinite(normalizer.scale()).all()
 
 
-def test_a_restored_normaliser_goes_on_exactly() -> None:
+def test_a_restored_normalizer_goes_on_exactly() -> None:
     (reward, ended), whole = steps(40), ReturnNormalizer(ROBOTS, ENVS, DISCOUNT, SUPPORT)
     for r, e in zip(reward[:20], ended[:20], strict=True):
         whole.update(r, e)

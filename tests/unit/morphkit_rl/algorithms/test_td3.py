@@ -72,7 +72,7 @@ def test_losses_and_targets_follow_the_algorithm(layout: Layout) -> None:
             torch.testing.assert_close(new, 0.75 * old + 0.25 * online)
 
 
-def test_learning_moves_the_values_towards_their_targets(layout: Layout) -> None:
+def test_learning_moves_the_values_toward_their_targets(layout: Layout) -> None:
     torch.manual_seed(0)
     config = TD3Config(learning_rate=3e-3, target_noise=0.0, reward_scale=1.0)
     learner, batch = TD3(MODEL, config, SIZE), make_batch(layout)

@@ -153,7 +153,7 @@ def test_a_body_on_both_sides_under_two_names_is_found(tmp_path: Path) -> None:
         ("[splits.'../x'.cheetahs]\ntrain = ['cheetah']", "split '../x': names have letters"),
         ("[splits.mine.cheetahs]\ntrain = []", "train is empty"),
         ("[splits.mine.cheetahs]\ntrain = ['cheetah']\ntset = []", "unknown key 'tset'; there is train, test"),
-        ("[splits.mine.cheetahs]\ntrain = ['cheetah', 'cheetah']", "'cheetah' stands twice"),
+        ("[splits.mine.cheetahs]\ntrain = ['cheetah', 'cheetah']", "'cheetah' is listed twice"),
         ("[splits.mine.cheetahs]\ntrain = ['cheetah']\ntest = ['cheetah']", "in train and in test"),
         ("[splits]\nmine = 3", "splits.mine is 3; expected a table"),
     ],

@@ -20,7 +20,7 @@ from morphkit_rl.benchmark.cells import read_matrix
 from morphkit_rl.benchmark.report.curves import SeedCurve, band, seed_curve
 from morphkit_rl.benchmark.report.write import write_report
 from morphkit_rl.benchmark.statistics import mean_of_means
-from morphkit_rl.benchmark.summary import improvements, overall, summarise
+from morphkit_rl.benchmark.summary import improvements, overall, summarize
 from tests.support.benchmark_matrix import make_matrix
 
 HALF = {
@@ -139,7 +139,7 @@ def test_a_mean_over_some_tasks_is_not_set_beside_the_published_one_over_all(rep
 
 
 def test_improvement_is_over_the_tasks_that_both_have(matrix: Path) -> None:
-    found = {each.robots: each for each in improvements(summarise(read_matrix(matrix)))}
+    found = {each.robots: each for each in improvements(summarize(read_matrix(matrix)))}
     assert set(found) == {"test", "train"}
     assert found["test"].tasks == found["train"].tasks == ("walkers",)
     ours_first = found["test"].better == "limb-former"
@@ -204,7 +204,7 @@ def test_curves_of_several_seeds_are_drawn_where_all_have_values(matrix: Path) -
 @pytest.mark.usefixtures("undrawn")
 def test_validation_is_called_so_and_compared_with_nothing_published(tmp_path: Path) -> None:
     make_matrix(tmp_path / "m", tasks=["walkers"], methods=["ma-bert"], seeds=2, validate=True)
-    entry = summarise(read_matrix(tmp_path / "m"))[0]
+    entry = summarize(read_matrix(tmp_path / "m"))[0]
     assert entry.role == "validation"
     scores = seed_curve(entry.cells[0], "score")
     assert scores is not None

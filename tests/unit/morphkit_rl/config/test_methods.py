@@ -71,7 +71,7 @@ def test_every_method_has_settings_a_preset_and_a_style(name: str) -> None:
     assert method.preset in presets()
     assert load_config(method.preset).model.method == name
     assert figure_style.label(name) == method.label != ""
-    assert figure_style.colour(name, method_names()) == method.color != ""
+    assert figure_style.color(name, method_names()) == method.color != ""
 
 
 def test_settings_of_another_method_are_refused_with_its_name() -> None:
@@ -114,7 +114,7 @@ def test_another_package_adds_a_method() -> None:
         method_config("wide", "1", overrides=["model.method=wide"]).model
         == load_config(overrides=["model.method=wide"]).model
     )
-    assert figure_style.colour("wide", ["wide"]) == "#123456"
+    assert figure_style.color("wide", ["wide"]) == "#123456"
 
 
 @pytest.mark.usefixtures("other_package")

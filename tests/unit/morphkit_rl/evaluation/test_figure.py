@@ -27,7 +27,7 @@ class FakeResult:
     returns: tuple[float, ...] = (100.0, 140.0)
     random_mean: float = -20.0
     random_interval: tuple[float, float] = (-30.0, -10.0)
-    normalised: float | None = None
+    normalized: float | None = None
 
     @property
     def mean(self) -> float:
@@ -40,7 +40,7 @@ METRICS: list[dict[str, Any]] = [
     {"steps": 2000, "updates": 20, "elapsed_s": 2.0, "return_mean": 15.0, "returns": {"a": 10.0, "b": 20.0}},
     {"steps": 3000, "updates": 30, "elapsed_s": 3.0, "return_mean": math.nan, "returns": {"a": None, "b": 30.0}},
 ]
-RESULTS = [FakeResult("a", normalised=0.25), FakeResult("b"), FakeResult("c", trained_on=False, returns=(-50.0, -70.0))]
+RESULTS = [FakeResult("a", normalized=0.25), FakeResult("b"), FakeResult("c", trained_on=False, returns=(-50.0, -70.0))]
 
 
 @pytest.fixture

@@ -119,7 +119,7 @@ def learner(config: ModelSettings, layout: Layout, **changes: Any) -> TD3:
     return TD3(config, TD3Config(**changes), SIZE, vocabulary=Vocabulary.of(layout.specs))
 
 
-def test_values_move_towards_their_targets(config: ModelSettings) -> None:
+def test_values_move_toward_their_targets(config: ModelSettings) -> None:
     layout = layout_of(config.method, *ROBOTS[:2])
     net, batch, rng = (
         learner(config, layout, learning_rate=3e-3, reward_scale=1.0),

@@ -65,7 +65,7 @@ def test_one_hot_texts_number_what_is_known() -> None:
     assert isinstance(controlled(Hashed(), "none", KNOWN), Hashed)
 
 
-def test_embeddings_stay_as_they_are_without_standardising() -> None:
+def test_embeddings_stay_as_they_are_without_standardizing() -> None:
     embedder = TokenEmbedder.fit(Hashed(), KNOWN, standardize=False)
     np.testing.assert_array_equal(embedder(KNOWN), embed(KNOWN))
     assert abs(TokenEmbedder.fit(Hashed(), KNOWN)(KNOWN).mean(0)).max() < 1e-5

@@ -166,7 +166,7 @@ def test_random_steps_are_counted_over_all_robots_or_a_robot(monkeypatch: pytest
         assert acted[0] == expected
 
 
-def test_without_normalisation_networks_see_the_observations_as_they_are() -> None:
+def test_without_normalization_networks_see_the_observations_as_they_are() -> None:
     one = session("hopper", overrides=("trainer.normalize=false", "trainer.num_envs=2", "trainer.start_steps=8"))
     run_on(one, 6)
     assert one.agent.normalizer.count.sum() == 0

@@ -148,7 +148,7 @@ def test_evaluation_covers_seen_and_unseen_robots_and_repeats_itself(run: Path) 
         low, high = result.random_interval
         assert low <= result.random_mean <= high
         expert = load(result.robot).info.expert_return
-        assert math.isclose(result.normalised, (result.mean - result.random_mean) / (expert - result.random_mean))
+        assert math.isclose(result.normalized, (result.mean - result.random_mean) / (expert - result.random_mean))
 
 
 def test_a_recording_holds_the_poses_of_one_episode(run: Path) -> None:
