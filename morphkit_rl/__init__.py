@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from morphkit_rl.config.methods import Method, ModelSettings
     from morphkit_rl.config.train_config import TrainConfig, load_config, presets
     from morphkit_rl.envs.batch_env import BatchEnv
-    from morphkit_rl.envs.gym_env import MorphEnv, MorphVectorEnv
+    from morphkit_rl.envs.gym_env import MorphEnv
+    from morphkit_rl.envs.gym_vector_env import MorphVectorEnv
     from morphkit_rl.envs.robot import prepare
     from morphkit_rl.envs.tasks import Task, task_for
     from morphkit_rl.evaluation.evaluate import RobotResult, evaluate
@@ -34,7 +35,8 @@ _MODULES = {
     "morphkit_rl.config.methods": ("Method", "ModelSettings"),
     "morphkit_rl.config.train_config": ("TrainConfig", "load_config", "presets"),
     "morphkit_rl.envs.batch_env": ("BatchEnv",),
-    "morphkit_rl.envs.gym_env": ("MorphEnv", "MorphVectorEnv"),
+    "morphkit_rl.envs.gym_env": ("MorphEnv",),
+    "morphkit_rl.envs.gym_vector_env": ("MorphVectorEnv",),
     "morphkit_rl.envs.robot": ("prepare",),
     "morphkit_rl.envs.tasks": ("Task", "task_for"),
     "morphkit_rl.evaluation.evaluate": ("RobotResult", "evaluate"),

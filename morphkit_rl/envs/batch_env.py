@@ -6,7 +6,6 @@ import json
 import os
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -15,33 +14,12 @@ from morphkit.errors import ConfigError
 from morphkit.simulation.build import Simulation
 from morphkit.tokens.spec import TokenSpec
 from morphkit_rl.envs.divergence import Divergence
-from morphkit_rl.envs.episode_counters import Episode, EpisodeCounters
+from morphkit_rl.envs.episode_counters import EpisodeCounters
 from morphkit_rl.envs.observation import Observation, ObservationPass
 from morphkit_rl.envs.reward import RewardPass
+from morphkit_rl.envs.step import Step
 from morphkit_rl.envs.stepping import SteppedRobot, Stepper
 from morphkit_rl.envs.tasks import Task
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """What a control step gave; each list has one array a robot, environments along the first axis.
-
-    Attributes:
-        obs: Observations to act on next: where an episode ended, the first of the next one. float32 (n, tokens).
-        final_obs: Observations that the step led to, before any reset. The same array as `obs` where no episode ended.
-            Where the simulation diverged, the last finite observation.
-        reward: float64 (n,).
-        terminated: bool (n,); the robot fell or the simulation diverged: nothing follows.
-        truncated: bool (n,); the episode reached its length.
-        episodes: Episodes that ended in this step.
-    """
-
-    obs: list[np.ndarray]
-    final_obs: list[np.ndarray]
-    reward: list[np.ndarray]
-    terminated: list[np.ndarray]
-    truncated: list[np.ndarray]
-    episodes: list[Episode]
 
 
 class BatchEnv:
@@ -181,6 +159,19 @@ class BatchEnv:
             episodes=episodes,
         )
 
+    def restart(self, robot: int, which: np.ndarray) -> np.ndarray:
+        """Start new episodes in a robot's environments `which`, int (k,); all its observations, float32 (n, tokens)."""
+        self._draw(robot, which)
+        self._counters.restart(self._envs[robot].start + which)
+        return self._split_obs(self._observe_all(self._state))[robot]
+
+    def reward_terms(self, robot: int) -> dict[str, np.ndarray]:
+        """What a robot's latest rewards are sums of, float64 (n,) each, and its forward speed `x_velocity`, m/s.
+
+        Where the simulation diverged, the reward is 0, whatever the terms are.
+        """
+        return {name: values[self._envs[robot]] for name, values in self._reward.terms().items()}
+
     def set_state(self, robot: int, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         """Put a robot's environments into given states; episodes start anew there.
 
@@ -256,12 +247,16 @@ class BatchEnv:
 
     def _restart(self, done: np.ndarray) -> np.ndarray:
         """Draw new start states where `done`; flat observations with theirs in place."""
-        for i, (robot, mine) in enumerate(zip(self._robots, self._envs, strict=True)):
+        for i, mine in enumerate(self._envs):
             which = np.flatnonzero(done[mine])
             if len(which):
-                robot.state[which] = robot.draw_start(self._rngs[i], self.tasks[i], len(which))
-                self._stepper.sense_some(robot, which)
+                self._draw(i, which)
         return self._observe_all(self._state)
+
+    def _draw(self, robot: int, which: np.ndarray) -> None:
+        own = self._robots[robot]
+        own.state[which] = own.draw_start(self._rngs[robot], self.tasks[robot], len(which))
+        self._stepper.sense_some(own, which)
 
     def _split_obs(self, flat: np.ndarray) -> list[np.ndarray]:
         return [flat[mine].reshape(n, -1) for mine, n in zip(self._obs, self.num_envs, strict=True)]

@@ -9,6 +9,8 @@ from pathlib import Path
 import gymnasium
 
 NAMESPACE = "morphkit"
+MAX_EPISODE_STEPS = 1000
+"""Length of every task's episodes, known without importing the simulator."""
 
 
 def register_robots() -> tuple[str, ...]:
@@ -22,8 +24,9 @@ def register_robots() -> tuple[str, ...]:
         if env_id not in gymnasium.registry:
             gymnasium.register(
                 env_id,
-                entry_point="morphkit_rl.envs.gym_env:MorphEnv",
-                vector_entry_point="morphkit_rl.envs.gym_env:MorphVectorEnv",
+                entry_point="morphkit_rl.envs.gym_env:unlimited",
+                vector_entry_point="morphkit_rl.envs.gym_vector_env:MorphVectorEnv",
+                max_episode_steps=MAX_EPISODE_STEPS,
                 kwargs={"robot": name},
             )
     return tuple(sorted(ids))

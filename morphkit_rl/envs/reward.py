@@ -48,6 +48,7 @@ class RewardPass:
         self._forward, self._height, self._pitch = (env_start[:, None] + address).T
         self._height_offset = per_env(_height_offset)
         self._speed_weight = per_env(lambda s, t: t.forward_weight / ((t.frame_skip or 1) * s.model.opt.timestep))
+        self._rate = per_env(lambda s, t: (s.base != "fixed") / ((t.frame_skip or 1) * s.model.opt.timestep))
         self._alive = per_env(lambda _, t: t.alive_bonus)
         self._low, self._high = per_env(lambda s, t: _or_infinite(s, t.healthy_height, -math.inf)).T
         self._max_pitch = per_env(lambda s, t: _or_infinite(s, t.healthy_pitch)[0])
@@ -85,9 +86,13 @@ class RewardPass:
             ctrl: Flat controls as given to the simulator.
         """
         cost = np.bincount(self._ctrl_env, ctrl * ctrl * self._ctrl_weight, minlength=len(self._alive))
-        reward = (self.forward(state) - forward_before) * self._speed_weight + self._alive - cost
+        moved = self.forward(state) - forward_before
+        reward = moved * self._speed_weight + self._alive - cost
+        tip = np.zeros(0)
         if len(self._tip_env):
-            reward[self._tip_env] += self._tip_scale * self._tip_height()
+            tip = self._tip_scale * self._tip_height()
+            reward[self._tip_env] += tip
+        self._latest = moved, cost, tip
         height = state.take(self._height) + self._height_offset
         pitch = np.abs(state.take(self._pitch))
         if len(self._free):
@@ -100,6 +105,19 @@ class RewardPass:
             largest = np.maximum.reduceat(padded, self._state_span)[::2]
             healthy[self._bounded] &= largest < self._max_state[self._bounded]
         return reward, ~healthy
+
+    def terms(self) -> dict[str, np.ndarray]:
+        """What the latest rewards are sums of, and `x_velocity`, forward, m/s; float64 (environments,) each."""
+        moved, cost, tips = self._latest
+        tip = np.zeros(len(self._alive))
+        tip[self._tip_env] = tips
+        return {
+            "x_velocity": moved * self._rate,
+            "reward_forward": moved * self._speed_weight,
+            "reward_alive": self._alive.copy(),
+            "reward_control": -cost,
+            "reward_tip": tip,
+        }
 
     def _tip_height(self) -> np.ndarray:
         """Height of the tips above the root's frame, m."""

@@ -12,9 +12,10 @@ from morphkit.errors import TrainingError
 from morphkit_rl.algorithms.actions import ActionRows
 from morphkit_rl.buffers.replay_buffer import ReplayBuffer
 from morphkit_rl.config.train_config import TrainerConfig
-from morphkit_rl.envs.batch_env import BatchEnv, Step
+from morphkit_rl.envs.batch_env import BatchEnv
 from morphkit_rl.envs.episode_counters import Episode
 from morphkit_rl.envs.robot import Robot
+from morphkit_rl.envs.step import Step
 from morphkit_rl.models.layout import Layout
 
 RECENT_EPISODES = 8
