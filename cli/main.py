@@ -29,8 +29,10 @@ from . import (
     tokens,
     train,
 )
+from .termination import Termination
 
 INTERRUPTED = 130
+TERMINATED = 143
 
 app = typer.Typer(
     name="morphkit",
@@ -118,22 +120,29 @@ def run(arguments: Sequence[str] | None = None) -> int:
         arguments: The words after `morphkit`; None for those of the process.
 
     Returns:
-        Exit code: 0 fine, 1 findings or a failed run, 2 wrong usage or bad input, 130 interrupted.
+        Exit code: 0 fine, 1 findings or a failed run, 2 wrong usage or bad input, 130 interrupted,
+        143 terminated.
     """
     # PyTorch's threads would spin for a millisecond while they wait, and starve where other processes want the cores.
     os.environ.setdefault("GOMP_SPINCOUNT", "1000")
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # what a Latin-1 terminal lacks, and file names that are no text
+    with Termination() as termination:
+        code = _run(arguments)
+    if code == INTERRUPTED:
+        typer.echo("terminated" if termination.came else "interrupted", err=True)
+        return TERMINATED if termination.came else INTERRUPTED
+    return code
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    """The exit code of a command; every error has become a message."""
     try:
         # Outside its standalone mode Typer returns the code of an Exit and leaves usage errors to us.
         code = app(args=arguments, standalone_mode=False)
         sys.stdout.flush()
-        code = code if isinstance(code, int) else 0
-        if code == INTERRUPTED:
-            typer.echo("interrupted", err=True)
-        return code
+        return code if isinstance(code, int) else 0
     except (KeyboardInterrupt, typer.Abort):
-        typer.echo("interrupted", err=True)
         return INTERRUPTED
     except BrokenPipeError:
         _drop_stdout()

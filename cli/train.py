@@ -148,6 +148,7 @@ def _report(summary: TrainSummary, robots: list[str], *, as_json: bool, quiet: b
                 "updates": summary.updates,
                 "elapsed_s": summary.elapsed_s,
                 "interrupted": summary.interrupted,
+                "advanced": summary.advanced,
                 "diverged": summary.diverged,
                 "returns": summary.returns,
             }
@@ -163,6 +164,8 @@ def _report(summary: TrainSummary, robots: list[str], *, as_json: bool, quiet: b
     if summary.diverged and not quiet:
         episodes = common.count(summary.diverged, "episode")
         typer.echo(f"{episodes} ended because the simulation diverged", err=True)
+    if not summary.advanced:
+        typer.echo("nothing left to do: the budget is used up; --steps or --minutes sets a larger one in all", err=True)
     if summary.interrupted:
         run = shlex.quote(str(summary.run))
         typer.echo(f"stopped at a checkpoint; go on with: morphkit train --run {run} --resume", err=True)

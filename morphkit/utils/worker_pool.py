@@ -162,6 +162,7 @@ def _context() -> BaseContext:
 def _serve(connection: Connection, inherited: list[Connection], setup: Callable[[], Callable[[T], R]]) -> None:
     """The life of a worker: until the other end of its connection is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     for other in inherited:
         other.close()
     faulthandler.disable()  # the parent says that a worker crashed

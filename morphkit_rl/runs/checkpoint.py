@@ -105,6 +105,16 @@ def has_checkpoint(run: Path) -> bool:
     return (run / "checkpoints" / _LATEST).is_file()
 
 
+def require_folder(run: Path) -> None:
+    """Refuse a run whose checkpoints were deleted; one that has not written any yet is fine.
+
+    Raises:
+        CheckpointError: The folder of its checkpoints is missing.
+    """
+    if not (run / "checkpoints").is_dir():
+        raise CheckpointError(f"{run}: there is nothing to resume from: the folder checkpoints is missing")
+
+
 def load_state(run: Path) -> tuple[Path, dict[str, Any]]:
     """Find the latest checkpoint and read its state.
 

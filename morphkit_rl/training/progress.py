@@ -48,6 +48,7 @@ class TrainSummary:
         returns: Mean return of each robot's latest episodes, with exploration noise.
         diverged: Episodes that ended because the simulation diverged.
         interrupted: Whether Ctrl-C ended it before its budget.
+        advanced: Whether anything was done; not where a resumed run had used up its budget.
     """
 
     run: Path
@@ -58,6 +59,7 @@ class TrainSummary:
     returns: dict[str, float]
     diverged: int
     interrupted: bool
+    advanced: bool = True
 
 
 class Mark(NamedTuple):

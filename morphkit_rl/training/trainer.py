@@ -101,12 +101,13 @@ def resume(
         progress: Called about once a second.
 
     Raises:
-        CheckpointError: The folder is no run, or its checkpoint is damaged.
+        CheckpointError: The folder is no run, or its checkpoint is damaged or was deleted.
         OutputError: Another process trains there, or the folder cannot be written.
         TrainingError: Losses or actions are no longer finite.
     """
     run = Path(run)
     settings = run_settings.load(run)
+    checkpoint.require_folder(run)
     with alone(run):
         if minutes is not None or steps is not None:
             settings = run_settings.with_budget(run, settings, minutes, steps)
@@ -127,11 +128,13 @@ class Trainer:
         self._losses: dict[str, torch.Tensor] = {}
 
     def run(self, run: Path, progress: Callable[[Progress], None] | None = None) -> TrainSummary:
-        """Train; ends with a checkpoint."""
+        """Train and end with a checkpoint; where the budget is used up already, change nothing."""
         with closing(self.session) as session:
-            log = MetricsLog(run, session.collector.steps, session.agent.learner.updates)
-            with closing(log):
-                self._run(run, log, progress)
+            advanced = self._fraction() < 1 or session.monitor.due(session.collector.steps)
+            if advanced:
+                log = MetricsLog(run, session.collector.steps, session.agent.learner.updates)
+                with closing(log):
+                    self._run(run, log, progress)
         now, collector = self._progress(self._mark()), session.collector
         return TrainSummary(
             run=run,
@@ -142,6 +145,7 @@ class Trainer:
             returns=now.returns,
             diverged=int(collector.env.diverged.sum()),
             interrupted=now.fraction < 1,
+            advanced=advanced,
         )
 
     def _run(self, run: Path, log: MetricsLog, progress: Callable[[Progress], None] | None) -> None:

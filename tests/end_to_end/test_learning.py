@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import shutil
 import subprocess
 import time
 from collections.abc import Callable
@@ -51,6 +52,32 @@ def test_a_run_killed_at_a_random_moment_and_resumed_equals_one_that_was_never_k
         np.testing.assert_array_equal(whole[key], resumed[key], err_msg=key)
     rows = [json.loads(line) for line in (tmp_path / "killed/metrics.jsonl").read_text().splitlines()]
     assert [row["steps"] for row in rows] == sorted({row["steps"] for row in rows})
+
+
+def test_sigterm_ends_a_run_at_a_checkpoint(start: Callable[..., subprocess.Popen[bytes]], tmp_path: Path) -> None:
+    process = start("train", "hopper", "--steps", 10**9, *TINY, "--run", "run")
+    while not (tmp_path / "run/checkpoints/latest").exists():
+        assert process.poll() is None
+        time.sleep(0.02)
+    process.terminate()
+    assert process.wait(60) == 143
+    steps = json.loads((tmp_path / "run/metrics.jsonl").read_text().splitlines()[-1])["steps"]
+    (folder,) = (tmp_path / "run/checkpoints").glob("step-*")
+    assert json.loads((folder / "state.json").read_text())["real_steps"] == steps
+
+
+def test_a_resume_with_nothing_left_changes_nothing(morphkit: Run, tmp_path: Path) -> None:
+    morphkit("train", "hopper", "--steps", 150, *TINY, "--run", "run")
+
+    def content() -> dict[str, bytes]:
+        return {name: (tmp_path / "run" / name).read_bytes() for name in listing(tmp_path / "run") if "." in name[-8:]}
+
+    before = content()
+    done = morphkit("train", "--run", "run", "--resume")
+    assert "nothing left to do" in done.stderr
+    assert content() == before
+    shutil.rmtree(tmp_path / "run/checkpoints")
+    assert "there is nothing to resume from" in morphkit("train", "--run", "run", "--resume", code=2).stderr
 
 
 def test_a_two_joint_arm_and_a_cheetah_family_in_one_run(morphkit: Run, tmp_path: Path) -> None:
