@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from morphkit_cli import main
+
 COMMAND = Path(sys.executable).with_name("morphkit")
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -45,6 +47,22 @@ def morphkit(tmp_path: Path) -> Run:
         )
         assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
         assert "Traceback" not in done.stderr
+        return done
+
+    return run
+
+
+@pytest.fixture
+def in_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Run:
+    """As `morphkit`, but in this process: two seconds less of imports a command, for tests with many of them."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("NO_COLOR", "1")
+
+    def run(*arguments: object, code: int = 0) -> subprocess.CompletedProcess[str]:
+        capfd.readouterr()
+        words = [*map(str, arguments)]
+        done = subprocess.CompletedProcess(words, main.run(words), *capfd.readouterr())
+        assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
         return done
 
     return run

@@ -77,11 +77,11 @@ FILES = {
 
 @pytest.mark.parametrize("case", FILES)
 @pytest.mark.parametrize("command", ["tokens", "ablate"])
-def test_bad_file(morphkit: Run, tmp_path: Path, command: str, case: str) -> None:
+def test_bad_file(in_process: Run, tmp_path: Path, command: str, case: str) -> None:
     name, text, expected = FILES[case]
     (tmp_path / name).write_text(text)
     cut = ["--all"] if command == "ablate" else []
-    done = morphkit(command, name, *cut, "--output", "out", code=2)
+    done = in_process(command, name, *cut, "--output", "out", code=2)
     assert done.stdout == ""
     assert done.stderr.startswith("error: ")
     assert expected.lower() in done.stderr.lower()
@@ -106,13 +106,20 @@ def test_bad_file(morphkit: Run, tmp_path: Path, command: str, case: str) -> Non
         (["tokens", "cheetah", "--root", "nose"], "nose"),
     ],
 )
-def test_bad_request(morphkit: Run, tmp_path: Path, arguments: list[str], expected: str) -> None:
-    done = morphkit(*arguments, code=2)
+def test_bad_request(in_process: Run, tmp_path: Path, arguments: list[str], expected: str) -> None:
+    done = in_process(*arguments, code=2)
     assert done.stdout == ""
     assert done.stderr.startswith("error: ")
     assert expected in done.stderr
     assert listing(tmp_path) == set()
     assert not (tmp_path.parent / "escape").exists()
+
+
+def test_the_installed_command_says_the_same(morphkit: Run, in_process: Run, tmp_path: Path) -> None:
+    (tmp_path / "robot.xml").write_text("this is no XML")
+    arguments = ("ablate", "robot.xml", "--all", "--output", "out")
+    installed, here = morphkit(*arguments, code=2), in_process(*arguments, code=2)
+    assert (installed.stdout, installed.stderr) == (here.stdout, here.stderr)
 
 
 def test_folder_that_holds_other_files_is_kept(morphkit: Run, tmp_path: Path) -> None:
@@ -175,8 +182,8 @@ def test_robot_without_actuators_cannot_be_trained(morphkit: Run, tmp_path: Path
         (["train", "cheetah", "--run", "run", "--task", "locomotoin", "--steps", "10"], "locomotion"),
     ],
 )
-def test_bad_learning_request(morphkit: Run, tmp_path: Path, arguments: list[str], expected: str) -> None:
-    done = morphkit(*arguments, code=2)
+def test_bad_learning_request(in_process: Run, tmp_path: Path, arguments: list[str], expected: str) -> None:
+    done = in_process(*arguments, code=2)
     assert done.stdout == ""
     assert "error: " in done.stderr
     assert expected in done.stderr
