@@ -9,7 +9,8 @@ import numpy as np
 
 from morphkit.ablation.mjcf import read_angles
 from morphkit.ablation.urdf import ends
-from morphkit.formats.poses import identity, urdf_pose
+from morphkit.formats.poses import identity
+from morphkit.readers.urdf_held import held_joints, rest_pose
 
 Positions = Mapping[str, np.ndarray]
 """Body or link name -> its origin in the root's frame at rest, shape (3,), m."""
@@ -37,15 +38,16 @@ def mjcf_positions(root: Any, bodies: Mapping[str, Any], base: str) -> Positions
 
 def urdf_positions(root: Any, base: str) -> Positions:
     """Positions of all links below `base`, itself included; `root` is the `<robot>` element."""
+    held = held_joints(root)
     below: dict[str, list[tuple[str, Any]]] = {}
     for joint in root.iterfind("joint"):
         parent, child = ends(joint)
-        below.setdefault(parent, []).append((child, joint.find("origin")))
+        below.setdefault(parent, []).append((child, joint))
     poses = {base: identity()}
     pending = [base]
     while pending:
         link = pending.pop()
-        for child, origin in below.get(link, ()):
-            poses[child] = poses[link] @ urdf_pose(origin)
+        for child, joint in below.get(link, ()):
+            poses[child] = poses[link] @ rest_pose(joint, held)
             pending.append(child)
     return {name: pose.position for name, pose in poses.items()}

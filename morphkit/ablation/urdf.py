@@ -11,6 +11,7 @@ from morphkit.ablation.urdf_references import Removed, prune_references
 from morphkit.formats.edit import detach, lift
 from morphkit.formats.poses import Pose, identity, urdf_pose, write_urdf
 from morphkit.formats.urdf_names import Given, take_back
+from morphkit.readers.urdf_held import held_joints, rest_pose
 
 
 def link_parents(root: Any) -> dict[str, str | None]:
@@ -59,15 +60,21 @@ def cut(root: Any, plan: Plan, given: Given) -> list[Loss]:
         removed[("joint", name)] = limb
         if joint.get("type") != "fixed":
             lost.append(Loss("joint", name, limb, f"part of {limb}"))
-    moved = list(_splice(root, plan, joint_of))
+    moved = list(_splice(root, plan, joint_of, held_joints(root)))
     lost += _keep_materials(root, plan.gone)
     for element in [*root.iterfind("link"), *root.iterfind("joint")]:
         kind = str(element.tag)
         if (kind, element.get("name", "")) in removed and not any(element is joint for joint in moved):
             detach(element)
-    take_back(given)
-    lost += prune_references(root, removed)
+    take_back(given, root)
+    lost += prune_references(root, _as_in_file(removed, given))
     return lost
+
+
+def _as_in_file(removed: Removed, given: Given) -> Removed:
+    """`removed` by the names that the file has; what has none there, nothing refers to."""
+    originals = {(origin.kind, origin.given): origin.original for _, origin in given}
+    return {(kind, original): limb for (kind, name), limb in removed.items() if (original := originals[(kind, name)])}
 
 
 def _keep_materials(root: Any, gone: Mapping[str, str]) -> Iterator[Loss]:
@@ -100,7 +107,7 @@ def _parts(material: Any) -> list[tuple[str, dict[str, str]]]:
     return [(part.tag, dict(part.attrib)) for part in material.iterchildren("*")]
 
 
-def _splice(root: Any, plan: Plan, joint_of: dict[str, Any]) -> Iterator[Any]:
+def _splice(root: Any, plan: Plan, joint_of: dict[str, Any], held: dict[str, float]) -> Iterator[Any]:
     """Hang what hung on spliced links on the link above them; yield the joints that moved."""
     splice = set(plan.splice)
     for joint in root.iterfind("joint"):
@@ -112,7 +119,7 @@ def _splice(root: Any, plan: Plan, joint_of: dict[str, Any]) -> Iterator[Any]:
         link = parent
         while link in splice:
             top = joint_of[link]
-            between = urdf_pose(top.find("origin")) @ between
+            between = rest_pose(top, held) @ between
             link = ends(top)[0]
         own = urdf_pose(joint.find("origin"))
         anchor = urdf_pose(top.find("origin")).position

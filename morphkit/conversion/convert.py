@@ -5,26 +5,22 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
 
-from morphkit.conversion.inertia import settle_masses
-from morphkit.conversion.timestep import settle_timestep
+from morphkit.conversion.timestep import settle_timestep, stays_finite
 from morphkit.conversion.unsupported import Missing, without_counterpart
 from morphkit.description import Description
 from morphkit.errors import ConfigError, DescriptionError
-from morphkit.formats.document import Document, document_of
-from morphkit.formats.urdf_names import name_elements
+from morphkit.formats.document import document_of
 from morphkit.morphology import Base, Morphology
 from morphkit.readers import read
 from morphkit.simulation import completion
-from morphkit.simulation.spec import compile_spec, drop_shape, load_spec
+from morphkit.simulation.spec import compile_spec, load_spec
 
-_ELEMENT = re.compile(r"Element name '(.*?)', id \d+", re.DOTALL)
 _DIGEST, _LONGEST_STEM = 8, 50
 
 
@@ -55,7 +51,9 @@ class Conversion:
     mass: float
 
 
-def convert(description: Description, *, base: Base | None = None, floor: bool | None = None) -> Conversion:
+def convert(
+    description: Description, *, base: Base | None = None, floor: bool | None = None, thorough: bool = True
+) -> Conversion:
     """Convert a URDF.
 
     Every link becomes a body, fixed ones included; joints keep names, axes, limits, damping and friction; a mimic
@@ -68,6 +66,8 @@ def convert(description: Description, *, base: Base | None = None, floor: bool |
         base: How to attach a root that no joint attaches; None takes what the description says.
         floor: Whether to add a floor; None adds one where the base is not fixed. A root that can move is then raised
             until the robot starts 1 cm above it.
+        thorough: Whether a time step is looked for at which the robot stays finite whatever its motors do, which takes
+            seconds; else only one at which it does by itself.
 
     Raises:
         ConfigError: It is an MJCF already, or `base` contradicts the joint that attaches the root.
@@ -77,14 +77,9 @@ def convert(description: Description, *, base: Base | None = None, floor: bool |
     if description.format != "urdf":
         raise ConfigError(f"{description.file}: is an MJCF model already; MuJoCo reads it as it is")
     morphology = read(description)
-    tree = document_of(description).copy()
-    missing = tuple(without_counterpart(tree.getroot()))
-    name_elements(tree.getroot(), file=description.file)
-    notes = [*_prepare(tree.getroot(), morphology)]
-    document = Document.of_tree(tree, file=description.file)
-    prepared = replace(description, source=document.source, document=document)
-    spec, dropped = load_spec(prepared)
-    notes += dropped
+    missing = tuple(without_counterpart(document_of(description).root))
+    spec, repaired = load_spec(description, only=morphology)
+    notes = [*repaired]
     root = spec.body(morphology.root.name)
     if root is None:
         raise DescriptionError(f"{description.file}: MuJoCo made no body of root {morphology.root.name!r}")
@@ -99,16 +94,11 @@ def convert(description: Description, *, base: Base | None = None, floor: bool |
             f"{description.file}: base {base!r} was asked for, but a joint of {root.name!r} makes it {own_base}"
         )
     base = own_base or base or morphology.base
-    completion.settle_urdf(spec, description)
+    notes += completion.settle_urdf(spec, description, moving=() if base == "fixed" else (root.name,))
     notes.append(
         f"joints got armature {completion.URDF_ARMATURE:g}, those without damping {completion.URDF_DAMPING:g} and as"
         " much as holds them at their velocity limits; links do not collide with each other"
     )
-    for joint in spec.joints:
-        if not np.isfinite(joint.actfrcrange).all():  # of an infinite effort limit
-            joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_FALSE, [0, 0]
-    notes += settle_masses(spec, moving=() if base == "fixed" else (root.name,))
-    notes += _settle_meshes(spec, description.file)
     floor = base != "fixed" if floor is None else floor
     if base != "fixed":
         if floor:
@@ -124,7 +114,8 @@ def convert(description: Description, *, base: Base | None = None, floor: bool |
     notes += _motor_notes(morphology)
     _name_meshes(spec)
     model = compile_spec(spec, description.file)
-    notes += settle_timestep(spec, model, description.file)
+    if thorough or not stays_finite(model):
+        notes += settle_timestep(spec, model, description.file)
     return Conversion(
         description=description,
         base=base,
@@ -136,50 +127,6 @@ def convert(description: Description, *, base: Base | None = None, floor: bool |
         motors=int(model.nu),
         mass=float(model.body_subtreemass[model.body(root.name).id]),
     )
-
-
-def _prepare(robot: Any, morphology: Morphology) -> Iterator[str]:
-    """Leave out other roots and what is named twice, in place."""
-    wanted = {member for limb in morphology.limbs for member in limb.members}
-    for joint in list(robot.iterchildren("joint")):
-        if joint.find("child").get("link") not in wanted:
-            robot.remove(joint)
-    for link in list(robot.iterchildren("link")):
-        name = link.get("name")
-        if name not in wanted and not (name == "world" and robot.find("joint/parent[@link='world']") is not None):
-            robot.remove(link)
-            yield f"link {name!r} is no part of the tree below {morphology.root.name!r} and was left out"
-    seen: set[str] = set()
-    for part in robot.iter("visual", "collision"):
-        name = part.get("name")
-        if name in seen:  # URDF allows that, MuJoCo does not
-            del part.attrib["name"]
-        elif name is not None:
-            seen.add(name)
-
-
-def _settle_meshes(spec: mujoco.MjSpec, file: str) -> Iterator[str]:
-    """Make MuJoCo accept every mesh: flat ones as shells; what it still refuses goes, which is said."""
-    for _ in range(2 * len(spec.meshes)):
-        try:
-            with_joints = spec.copy()
-            with_joints.compile()
-            return
-        except ValueError as error:
-            named = _ELEMENT.search(str(error))
-            mesh = spec.mesh(named[1]) if named is not None else None
-            if mesh is None:
-                return  # not about a mesh; the final compilation reports it
-            shell = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
-            users = [geom for geom in spec.geoms if geom.meshname == mesh.name]
-            if mesh.inertia != shell and "volume" in str(error):
-                mesh.inertia = shell
-                continue
-            reason = " ".join(str(error).split("\n")[0].split())
-            if any(geom.contype or geom.conaffinity for geom in users):
-                raise DescriptionError(f"{file}: mesh {mesh.file!r} is needed for contacts: {reason}") from error
-            yield f"visual mesh {mesh.file!r} was left out: MuJoCo: {reason}"
-            drop_shape(spec, mesh, users)
 
 
 def _motor_notes(morphology: Morphology) -> Iterator[str]:

@@ -41,7 +41,7 @@ def settle_timestep(spec: mujoco.MjSpec, model: mujoco.MjModel, file: str) -> It
             break
     else:
         timestep = model.opt.timestep = URDF_TIMESTEP_S
-        if not holds(model, None, duration=_STEPS * URDF_TIMESTEP_S):
+        if not stays_finite(model):
             raise DescriptionError(f"{file}: the converted model diverges in its first steps; see 'morphkit check'")
         yield (
             "with all motors at full effort to and fro the robot diverges, at a time step of"
@@ -54,6 +54,11 @@ def settle_timestep(spec: mujoco.MjSpec, model: mujoco.MjModel, file: str) -> It
             " motors at full effort to and fro; real effort limits would do more"
         )
     spec.option.timestep = model.opt.timestep = timestep
+
+
+def stays_finite(model: mujoco.MjModel) -> bool:
+    """Whether the model stays finite in its first steps if nothing drives it."""
+    return holds(model, None, duration=_STEPS * URDF_TIMESTEP_S)
 
 
 def holds(model: mujoco.MjModel, hold: float | None, duration: float = _DURATION_S) -> bool:

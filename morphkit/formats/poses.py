@@ -152,7 +152,9 @@ def _rpy(rotation: np.ndarray) -> np.ndarray:
 
 
 def numbers(value: str) -> np.ndarray:
-    """The numbers of an attribute, separated by white space."""
+    """The numbers of an attribute, separated by white space; ValueError where one is none that simulators read."""
+    if not value.isascii() or "_" in value:  # Python reads 1_000 and other digits, too
+        raise ValueError(f"{value!r} is no number")
     return np.array([float(word) for word in value.split()])
 
 

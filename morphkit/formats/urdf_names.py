@@ -4,21 +4,27 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 
 from lxml import etree
 
 from morphkit.errors import DescriptionError
 from morphkit.morphology import Origin
-from morphkit.naming.unique import give_names
+from morphkit.naming.unique import TakenNames, give_names
 
 Given = list[tuple[etree._Element, Origin]]
+
+WORLD = "world"
+_INNER_WORLD = "world_link"
+_REFERENCES = {"joint/parent": "link", "joint/child": "link", "sensor/parent": "link", "gazebo": "reference"}
 
 
 def name_elements(root: etree._Element, *, file: str) -> Given:
     """Give every link and joint below `<robot>` a name of its own, in place.
 
     A link without a name is called `link`, a joint without one `<child>_joint`; a number is added where a name is
-    taken, and to the second and later elements of one name.
+    taken, and to the second and later elements of one name. A link called `world` that is no root is called
+    `world_link`, wherever links are named: the other name is that of what robots stand on.
 
     Args:
         root: The root element.
@@ -34,7 +40,10 @@ def name_elements(root: etree._Element, *, file: str) -> Given:
     ends = {id(joint): [_attribute(joint, tag, "link") for tag in ("parent", "child")] for joint in joints}
     _refuse_shared(links, "link", ((joint, name) for joint in joints for name in ends[id(joint)]), file)
     _refuse_shared(joints, "joint", _joint_references(root, joints), file)
-    return [*_give(links, ["link"] * len(links), file), *_give(joints, joint_calls(joints), file)]
+    given = [*_give(links, ["link"] * len(links), file), *_give(joints, joint_calls(joints), file)]
+    if any(child == WORLD for _, child in ends.values()):
+        given = [*_rename_inner_world(root, given)]
+    return given
 
 
 def joint_calls(joints: list[etree._Element]) -> list[str]:
@@ -43,9 +52,29 @@ def joint_calls(joints: list[etree._Element]) -> list[str]:
     return [f"{child}_joint" if child else "joint" for child in children]
 
 
-def take_back(given: Given) -> None:
-    """Call elements again what the file calls them."""
+def _rename_inner_world(root: etree._Element, given: Given) -> Iterator[tuple[etree._Element, Origin]]:
+    name = TakenNames(origin.given for _, origin in given if origin.kind == "link").give(_INNER_WORLD)
     for element, origin in given:
+        if origin.kind == "link" and origin.given == WORLD:
+            element.set("name", name)
+            origin = replace(origin, given=name)
+        yield element, origin
+    _refer(root, WORLD, name)
+
+
+def _refer(root: etree._Element, old: str, new: str) -> None:
+    """Let what refers to the link `old` refer to `new`."""
+    for path, key in _REFERENCES.items():
+        for element in root.iterfind(path):
+            if element.get(key) == old:
+                element.set(key, new)
+
+
+def take_back(given: Given, root: etree._Element) -> None:
+    """Call elements below `root` again what the file calls them."""
+    for element, origin in given:
+        if origin.original == WORLD and origin.given.startswith(_INNER_WORLD):
+            _refer(root, origin.given, WORLD)
         if origin.original is None:
             element.attrib.pop("name", "")
         elif origin.original != origin.given:

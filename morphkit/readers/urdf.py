@@ -14,15 +14,14 @@ from morphkit.description import Description
 from morphkit.errors import DescriptionError
 from morphkit.formats.document import document_of
 from morphkit.formats.limits import check_count
-from morphkit.formats.urdf_names import name_elements
+from morphkit.formats.urdf_names import WORLD, name_elements
 from morphkit.morphology import Actuator, Base, Joint, JointKind, Limb, Morphology, Origin
 from morphkit.naming.limbs import numbered_labels
 from morphkit.naming.unique import give_names
 from morphkit.readers.common import choose_root, type_of
+from morphkit.readers.urdf_normalize import normalize
 from morphkit.readers.urdf_sensors import read_sensors
-from morphkit.readers.urdf_structure import check_urdf
 
-WORLD = "world"
 _KINDS: dict[str, JointKind] = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "spherical": "ball"}
 _BASES: dict[str, Base] = {"floating": "free", "planar": "planar"}
 _JOINT_PARTS = ("parent", "child", "origin", "axis", "limit", "mimic")
@@ -32,11 +31,13 @@ _UNITS: dict[JointKind, str] = {"hinge": "N*m", "slide": "N", "ball": "N*m", "fr
 def read_urdf(description: Description) -> Morphology:
     """Read a URDF description.
 
-    A link on a fixed joint belongs to the limb that carries it. A root link called `world` is the world, as in MuJoCo:
-    its child is the root, and the joint between them says how it is attached (`fixed`, `floating` or `planar`). A
-    planar joint further down becomes the three joints `_TX`, `_TY` and `_RZ` that MuJoCo makes of it.
+    What the file means is settled first, see `normalize`. A link on a fixed joint belongs to the limb that carries it,
+    and so does one on a joint that is held. A root link called `world` is the world, as in MuJoCo: its child is the
+    root, and the joint between them says how it is attached (`fixed`, `floating` or `planar`). A planar joint further
+    down becomes the three joints `_TX`, `_TY` and `_RZ` that MuJoCo makes of it.
 
-    Actuators come from the transmissions; without any, each joint with an effort limit that mimics no other has one.
+    Actuators come from the transmissions of joints that exist; without any, each joint with an effort limit that
+    mimics no other has one.
 
     Raises:
         DescriptionError: Not a URDF, a link or joint that is missing or in a cycle, a reference to one of several of
@@ -49,8 +50,8 @@ def read_urdf(description: Description) -> Morphology:
     if document.format != "urdf":
         raise DescriptionError(f"{file}:{tree.getroot().sourceline}: an MJCF file, expected URDF")
     check_count(tree.getroot(), "link", file=file)
-    given = [origin for _, origin in name_elements(tree.getroot(), file=file)]
-    roots = check_urdf(tree, file=file)
+    normal = normalize(tree, file=file)
+    given, roots = [origin for _, origin in normal.given], normal.roots
     robot = _robot(tree, file)
     below: dict[str, list[Any]] = {}
     for joint in robot.joints:
@@ -198,7 +199,7 @@ def _actuators(
 ) -> tuple[tuple[Actuator, ...], list[Origin]]:
     """Return the actuators, and where they come from: nowhere, where the file has joints with an effort limit only."""
     described = {joint.name: joint for joint in robot.joints}
-    transmissions = list(_transmissions(tree))
+    transmissions = [row for row in _transmissions(tree) if row[1] in described]
     if not transmissions:
         transmissions = [(joint.name, joint.name, None) for joint in robot.joints if _effort(joint) > 0]
     driven = [row for row in transmissions if row[1] in limb_joints and described[row[1]].mimic is None]

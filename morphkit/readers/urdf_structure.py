@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Container, Iterable, Mapping
 from typing import Any, Protocol
 
+import numpy as np
 from lxml import etree
 
 from morphkit.errors import DescriptionError
+from morphkit.formats.poses import numbers
 from morphkit.utils.suggest import did_you_mean
 
 Element = Any
 """An lxml element."""
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
+WITH_AXIS = ("revolute", "continuous", "prismatic", "planar")
+MAY_BE_INFINITE = ("limit",)
+"""Elements in which an infinite number means something: no bound."""
+
 _FEW = 20
-_NUMBERS = {
+NUMBERS = {
     "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
     "axis": {"xyz": 3},
     "origin": {"xyz": 3, "rpy": 3},
@@ -25,6 +30,7 @@ _NUMBERS = {
     "dynamics": {"damping": 1, "friction": 1},
     "mimic": {"multiplier": 1, "offset": 1},
 }
+"""How many numbers each attribute of an element holds."""
 
 XACRO_DEFINITIONS = ("property", "arg", "macro", "include")
 _XACRO = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}", "xacro:")
@@ -168,7 +174,7 @@ def check_urdf(tree: etree._ElementTree, *, file: str) -> tuple[str, ...]:
 
     Raises:
         DescriptionError: xacro has not expanded a macro, a joint refers to a link that does not exist, a link has two
-            parents, links form a cycle, or a number is none.
+            parents, links form a cycle, a number is none, or a moving joint has an axis without direction.
     """
     root = tree.getroot()
     links = {link.get("name") or "": link for link in root.iterchildren("link")}
@@ -184,13 +190,13 @@ def check_urdf(tree: etree._ElementTree, *, file: str) -> tuple[str, ...]:
     ends = join_links(links, joints, _Refusal(file, links))
     for element in [*joints.values(), *links.values()]:
         _check_numbers(element, file)
-    _check_driven(root, joints, file)
+    _check_motion(joints, file)
     children = {child for _, child in ends.values()}
     return tuple(name for name in links if name not in children)
 
 
-def _check_driven(root: Element, joints: Mapping[str, Element], file: str) -> None:
-    """Refuse mimics and transmissions of joints that do not exist."""
+def _check_motion(joints: Mapping[str, Element], file: str) -> None:
+    """Refuse mimics of joints that do not exist, and joints that move along no axis."""
     for name, joint in joints.items():
         for mimic in joint.iterchildren("mimic"):
             if mimic.get("joint") not in joints:
@@ -198,27 +204,31 @@ def _check_driven(root: Element, joints: Mapping[str, Element], file: str) -> No
                     f"{file}:{mimic.sourceline}: joint {name!r} mimics joint {mimic.get('joint')!r}, which does not"
                     f" exist{did_you_mean(mimic.get('joint') or '', joints)}"
                 )
-    for transmission in root.iterchildren("transmission"):
-        for element in transmission.iterchildren("joint"):
-            if element.get("name") not in joints:
-                raise DescriptionError(
-                    f"{file}:{element.sourceline}: transmission {transmission.get('name')!r} drives joint"
-                    f" {element.get('name')!r}, which does not exist{did_you_mean(element.get('name') or '', joints)}"
-                )
+        for axis in joint.iterchildren("axis"):
+            if axis.get("xyz") is None and joint.get("type") in WITH_AXIS:
+                raise DescriptionError(f"{file}:{axis.sourceline}: joint {name!r} has {without_direction(axis)}")
+
+
+def without_direction(axis: Element) -> str:
+    """What to say of an `<axis>` that has no `xyz`."""
+    other = f", but {', '.join(axis.keys())}" if axis.keys() else ""
+    return f'an <axis> without xyz{other}; write <axis xyz="..."/>'
 
 
 def _check_numbers(element: etree._Element, file: str) -> None:
-    for part in element.iter(*_NUMBERS):
-        for attribute, count in _NUMBERS[str(part.tag)].items():
+    for part in element.iter(*NUMBERS):
+        for attribute, count in NUMBERS[str(part.tag)].items():
             text = part.get(attribute)
             if text is None:
                 continue
             try:
-                numbers = [float(word) for word in text.split()]
+                found = numbers(text)
             except ValueError:
-                numbers = []
-            if len(numbers) != count or any(math.isnan(number) for number in numbers):
-                expected = "a number" if count == 1 else f"{count} numbers"
+                found = np.zeros(0)
+            infinite = np.isinf(found).any() and part.tag not in MAY_BE_INFINITE
+            if len(found) != count or np.isnan(found).any() or infinite:
+                finite = "finite " * bool(infinite)
+                expected = f"a {finite}number" if count == 1 else f"{count} {finite}numbers"
                 raise DescriptionError(
                     f'{file}:{part.sourceline}: {attribute}="{text}" in <{part.tag}> of {element.tag}'
                     f" {element.get('name')!r}, expected {expected}"

@@ -15,6 +15,8 @@ from morphkit.morphology import Base, Morphology
 from morphkit.readers import read
 from morphkit.readers.mjcf import subtree
 from morphkit.simulation import completion
+from morphkit.simulation.inertia import settle_masses
+from morphkit.simulation.mesh_repair import settle_meshes
 from morphkit.simulation.spec import compile_spec, load_spec
 from morphkit.tokens.quantities import numbers_per_limb, sensed_quantities
 from morphkit.tokens.spec import TokenSpec, token_spec
@@ -62,13 +64,16 @@ class Simulation:
 
 
 def compile_plain(description: Description) -> mujoco.MjModel:
-    """Compile the file as it is, with nothing added.
+    """Compile the file as it is, with nothing added but what a URDF lacks for that.
 
     Raises:
         DescriptionError: MuJoCo cannot read or compile it.
         AssetError: A mesh that is needed is missing.
     """
     spec, _ = load_spec(description)
+    if description.format == "urdf":
+        list(settle_masses(spec, description.file))
+        list(settle_meshes(spec, description.file))
     return compile_spec(spec, description.file)
 
 
@@ -89,7 +94,7 @@ def build_simulation(description: Description, *, base: Base | None = None) -> S
         ConfigError: `base` contradicts the root's own joints.
     """
     morphology = read(description)
-    spec, dropped = load_spec(description)
+    spec, dropped = load_spec(description, only=morphology)
     root = _find_root(spec, morphology)
     own_base = morphology.base if list(root.joints) else None
     if own_base is not None and base is not None and base != own_base:
@@ -128,10 +133,10 @@ def build_simulation(description: Description, *, base: Base | None = None) -> S
 def _complete(
     spec: mujoco.MjSpec, root: Any, morphology: Morphology, own_base: Base | None, description: Description
 ) -> list[str]:
-    notes = []
+    notes: list[str] = []
     base = morphology.base
     if description.format == "urdf":
-        completion.settle_urdf(spec, description)
+        notes += completion.settle_urdf(spec, description, moving=() if base == "fixed" else (root.name,))
     has_floor = not completion.add_floor(spec, solid=base != "fixed")
     if base != "fixed" and (own_base is None or not has_floor):
         model = compile_spec(spec.copy(), description.file)

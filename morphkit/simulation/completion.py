@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import mujoco
@@ -13,6 +13,8 @@ from morphkit.description import Description
 from morphkit.errors import ConfigError
 from morphkit.morphology import Actuator, Base
 from morphkit.readers.urdf import drive_limits
+from morphkit.simulation.inertia import settle_masses
+from morphkit.simulation.mesh_repair import settle_meshes
 from morphkit.tokens.quantities import sensed_quantities
 
 FLOOR_NAME = "morphkit_floor"
@@ -46,13 +48,24 @@ def add_floor(spec: mujoco.MjSpec, *, solid: bool) -> bool:
     return True
 
 
-def settle_urdf(spec: mujoco.MjSpec, description: Description) -> None:
-    """Fill in what URDF has no words for.
+def settle_urdf(spec: mujoco.MjSpec, description: Description, *, moving: Collection[str] = ()) -> list[str]:
+    """Fill in what URDF has no words for, and mend masses, inertias and meshes that MuJoCo refuses.
 
     Time step 4 ms with the implicitfast integrator; armature 0.01 kg*m^2 (kg) on every joint. Where the file gives no
     damping: 0.1 N*m*s/rad (N*s/m), and a part that grows with the cube of the speed, such that the joint's effort limit
     drives it at its velocity limit. The robot's geoms collide with the floor but not with each other: a
     URDF does not say which links may touch, and neighbors often overlap.
+
+    Args:
+        spec: Changed in place.
+        description: The URDF.
+        moving: Names of bodies that are to move although they have no joint yet.
+
+    Returns:
+        A sentence for each thing that was mended.
+
+    Raises:
+        DescriptionError: An inertia is infinite, or a mesh that contacts need is refused.
     """
     limits = drive_limits(description)
     spec.option.timestep = URDF_TIMESTEP_S
@@ -62,8 +75,11 @@ def settle_urdf(spec: mujoco.MjSpec, description: Description) -> None:
         if not np.any(joint.damping):
             effort, speed = limits.get(joint.name, (None, None))
             joint.damping = [URDF_DAMPING, 0, _cubic_damping(effort or 0.0, speed or 0.0, joint.armature)]
+        if not np.isfinite(joint.actfrcrange).all():  # of an infinite effort limit
+            joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_FALSE, [0, 0]
     for geom in spec.geoms:
         geom.conaffinity = 0
+    return [*settle_masses(spec, description.file, moving), *settle_meshes(spec, description.file)]
 
 
 def _cubic_damping(effort: float, speed: float, armature: float) -> float:

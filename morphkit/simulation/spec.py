@@ -16,12 +16,15 @@ from morphkit.formats.limits import check_chain, check_mjcf
 from morphkit.formats.mjcf_attach import attach_models
 from morphkit.formats.mjcf_include import flattened
 from morphkit.formats.mjcf_names import name_elements
-from morphkit.formats.urdf_names import name_elements as name_links
+from morphkit.morphology import Morphology
+from morphkit.readers.urdf_normalize import normalize
 from morphkit.simulation.mesh_files import read_for_mujoco
-from morphkit.simulation.urdf_repair import mend
+from morphkit.simulation.urdf_repair import leave_out_strays, mend
 
 
-def load_spec(description: Description, *, incomplete: set[str] | None = None) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
+def load_spec(
+    description: Description, *, incomplete: set[str] | None = None, only: Morphology | None = None
+) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
     """Parse a description into an MjSpec that compiles without touching the file system again.
 
     A URDF goes through MuJoCo's importer with `fusestatic="false" discardvisual="false"`, so that fixed links and
@@ -31,13 +34,14 @@ def load_spec(description: Description, *, incomplete: set[str] | None = None) -
         description: The robot.
         incomplete: For a model that is only looked at: a set, to which the names of bodies are added that lose a shape.
             Every mesh and height field that cannot be found is dropped then, even one that matters.
+        only: The robot, where links of a URDF that are no part of it are to be left out.
 
     Returns:
         The spec, its bodies, joints and actuators all named as the reader names them; and one sentence for each thing
-        that was dropped.
+        that was dropped or repaired.
 
     Raises:
-        DescriptionError: MuJoCo cannot parse the file.
+        DescriptionError: MuJoCo cannot parse the file, or as `normalize`.
         AssetError: A mesh, height field or included file that the simulation needs is missing.
     """
     document = document_of(description)
@@ -47,8 +51,9 @@ def load_spec(description: Description, *, incomplete: set[str] | None = None) -
     if description.format == "urdf":
         tree = document.copy()
         check_chain(tree.getroot(), file=description.file)
-        name_links(tree.getroot(), file=description.file)
-        mended = tuple(mend(tree.getroot()))
+        repairs = normalize(tree, file=description.file).repairs
+        strays = tuple(leave_out_strays(tree.getroot(), only)) if only is not None else ()
+        mended = (*(repair.text for repair in repairs), *strays, *mend(tree.getroot()))
         references = _prepare_urdf(tree.getroot())
     else:
         tree = flattened(document, description.folder, file=description.file, packages=description.packages)

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from typing import Any
+
+import numpy as np
+
+from morphkit.formats.poses import numbers
+from morphkit.formats.urdf_names import WORLD
+from morphkit.morphology import Morphology
+from morphkit.naming.unique import TakenNames
 
 _SIZES = ("size", "radius", "length", "scale")
 _THIN = "1e-6"  # m, or as a factor
@@ -23,21 +29,40 @@ def mend(robot: Any) -> Iterator[str]:
         for part in list(robot.iter(tag)):
             yield from _mend_shape(part)
     for color in list(robot.iter("color")):
-        rgba = color.get("rgba")
-        if rgba is not None and not (len(rgba.split()) == 4 and all(map(_is_finite, rgba.split()))):
+        rgba = color.get("rgba", "")
+        if not (len(rgba.split()) == 4 and all(map(_is_finite, rgba.split()))):
             yield f"color {rgba!r} is no red, green, blue and opacity; it was left out"
             color.getparent().remove(color)
-    for mimic in list(robot.iterfind("joint/mimic")):
-        joint = mimic.getparent().get("name")
-        if mimic.get("joint") == joint:
-            yield f"joint {joint!r} mimics itself, which says nothing"
-            mimic.getparent().remove(mimic)
+    names = TakenNames(material.get("name") for material in robot.iter("material") if material.get("name"))
+    for material in robot.iter("material"):
+        if not material.get("name"):
+            material.set("name", names.give("material"))
+    seen: set[str] = set()
+    for part in robot.iterfind("link/*[@name]"):
+        if part.get("name") in seen:  # URDF allows that, MuJoCo does not
+            del part.attrib["name"]
+        else:
+            seen.add(part.get("name"))
     for dynamics in robot.iterfind("joint/dynamics"):
         for key in ("damping", "friction"):
             if _is_finite(dynamics.get(key, "")) and float(dynamics.get(key)) < 0:
                 joint = dynamics.getparent().get("name")
                 yield f"{key} {dynamics.get(key)} of joint {joint!r} is negative: it counts as none"
                 dynamics.set(key, "0")
+
+
+def leave_out_strays(robot: Any, morphology: Morphology) -> Iterator[str]:
+    """Leave out links and joints that are no part of the robot, in place; yield a sentence for each link."""
+    wanted = {member for limb in morphology.limbs for member in limb.members}
+    for joint in list(robot.iterchildren("joint")):
+        if joint.find("child").get("link") not in wanted:
+            robot.remove(joint)
+    carried = robot.find(f"joint/parent[@link='{WORLD}']") is not None
+    for link in list(robot.iterchildren("link")):
+        name = link.get("name")
+        if name not in wanted and not (name == WORLD and carried):
+            robot.remove(link)
+            yield f"link {name!r} is no part of the tree below {morphology.root.name!r} and was left out"
 
 
 def _mend_shape(part: Any) -> Iterator[str]:
@@ -77,6 +102,7 @@ def _is_zero(word: str) -> bool:
 
 def _is_finite(word: str) -> bool:
     try:
-        return math.isfinite(float(word))
+        found = numbers(word)
     except ValueError:
         return False
+    return found.size == 1 and bool(np.isfinite(found[0]))

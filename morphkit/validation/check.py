@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from morphkit.errors import DescriptionError
 from morphkit.formats.mjcf_schema import EXPANDERS
@@ -15,6 +16,7 @@ from morphkit.validation import (
     urdf_inertia,
     urdf_joints,
     urdf_links,
+    urdf_repairs,
     urdf_tree,
 )
 from morphkit.validation.document import CheckedDocument, elements, open_document
@@ -41,7 +43,7 @@ def check(
         packages: Folder of each ROS package or Gazebo model that may be read, by name.
         xacro_args: Values of a xacro file's arguments, by name.
         shown: What the file is called in findings; None for `path`.
-        deep: Whether meshes are read and MJCF is compiled, in a process of its own.
+        deep: Whether meshes are read, MJCF is compiled and URDF is converted, in a process of its own.
 
     Returns:
         The findings; a file that is no XML or no robot is one as well.
@@ -58,23 +60,39 @@ def check(
     except OSError as error:
         raise DescriptionError(f"{path}: cannot be read: {error.strerror or error}") from error
     if doc is not None and report.format == "urdf":
-        _check_urdf(doc, deep=deep)
+        _check_urdf(doc, path, deep=deep)
     elif doc is not None:
         _check_mjcf(doc, path, deep=deep)
     report.sort()
     return report
 
 
-def _check_urdf(doc: CheckedDocument, *, deep: bool) -> None:
+def _check_urdf(doc: CheckedDocument, path: Path, *, deep: bool) -> None:
     urdf_tree.check_xacro(doc)
+    urdf_repairs.check_repairs(doc)
     tree = urdf_tree.read_tree(doc)
     urdf_tree.check_references(doc, tree)
     urdf_joints.check_joints(doc, tree)
     inertials, uses = urdf_links.check_links(doc, tree)
-    answer = probe([use.path for use in uses], None) if deep else Answer()
+    answer = _probe_urdf(doc, path, [use.path for use in uses]) if deep else Answer()
     check_meshes(doc, uses, answer.meshes)
     urdf_inertia.check_masses(doc, tree, inertials, uses, answer.meshes)
+    if answer.refused and not doc.report.count("error"):
+        doc.add("simulator-refuses", doc.root, f"'morphkit convert' refuses the robot: {answer.refused}")
     _check_death(doc, answer)
+
+
+def _probe_urdf(doc: CheckedDocument, path: Path, meshes: Sequence[Path]) -> Answer:
+    """Measure meshes, and convert the robot where nothing is known yet that hinders it."""
+    if doc.report.count("error"):
+        return probe(meshes)
+    return probe(meshes, robot={"file": path.name, "source": doc.document.source.decode("latin-1"), **_folders(doc)})
+
+
+def _folders(doc: CheckedDocument) -> dict[str, Any]:
+    """Where assets are, as JSON values."""
+    packages = {name: str(folder.resolve()) for name, folder in doc.packages.items()}
+    return {"folder": str(doc.folder.resolve()), "packages": packages}
 
 
 def _check_mjcf(doc: CheckedDocument, path: Path, *, deep: bool) -> None:
@@ -84,9 +102,8 @@ def _check_mjcf(doc: CheckedDocument, path: Path, *, deep: bool) -> None:
     text, lines = mjcf_references.numbered(doc.root)
     answer = Answer()
     if deep:
-        folders = {name: str(folder.resolve()) for name, folder in doc.packages.items()}
-        model = {"source": text, "file": path.name, "folder": str(doc.folder.resolve()), "packages": folders}
-        answer = probe([use.path for use in meshes.values()], model)
+        model = {"source": text, "file": path.name, **_folders(doc)}
+        answer = probe([use.path for use in meshes.values()], model=model)
     found = answer.model or {}
     mjcf_references.check_names(doc, found.get("names"))
     mjcf_references.check_unused(doc)

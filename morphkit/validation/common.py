@@ -7,6 +7,8 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
+from morphkit.formats.poses import numbers as parse_numbers
+from morphkit.readers.urdf_structure import MAY_BE_INFINITE, NUMBERS
 from morphkit.utils.suggest import did_you_mean
 from morphkit.validation.document import CheckedDocument
 
@@ -32,7 +34,7 @@ def read_numbers(
         return None
     where = f'{attribute}="{shorten(text)}" in <{element.tag}> of {owner}'
     try:
-        numbers = [float(word) for word in text.split()]
+        numbers = parse_numbers(text).tolist()
     except ValueError:
         doc.add("number-invalid", element, f"{where}, expected {_expected(counts)}")
         return None
@@ -40,6 +42,9 @@ def read_numbers(
         doc.add("number-invalid", element, f"{where}, expected {_expected(counts)}")
         return None
     if any(math.isinf(number) for number in numbers):
+        if element.tag in NUMBERS and element.tag not in MAY_BE_INFINITE:
+            doc.add("number-invalid", element, f"{where}, expected finite numbers")
+            return None
         doc.add("number-infinite", element, where)
         return None
     return numbers

@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from morphkit.simulation.inertia import SMALLEST_MOMENT
 from morphkit.validation.document import CheckedDocument
 
 _ROUNDING = 0.01
 _RELATIVE_ZERO = 1e-9
-_SMALLEST = 1e-15
-"""kg*m^2; MuJoCo takes smaller moments for zero."""
 
 
 def check_tensor(
@@ -34,13 +33,13 @@ def check_tensor(
     moments = np.linalg.eigvalsh(tensor)
     shown = ", ".join(f"{moment:.4g}" for moment in moments)
     largest = float(np.abs(moments).max())
-    if largest > _SMALLEST and (moments[0] < -_RELATIVE_ZERO * largest or moments[2] <= 0):
+    if largest > SMALLEST_MOMENT and (moments[0] < -_RELATIVE_ZERO * largest or moments[2] <= 0):
         doc.add("inertia-negative", element, f"{owner} has the principal moments {shown} kg*m^2", name=name)
         return False
-    if largest <= _SMALLEST or moments[0] <= _RELATIVE_ZERO * largest:
-        if counts:
-            what = f"{owner} has mass {mass:g} kg and the principal moments {shown} kg*m^2"
-            doc.add("inertia-zero", element, what, name=name)
+    if moments[0] <= max(SMALLEST_MOMENT, _RELATIVE_ZERO * largest):
+        what = f"{owner} has mass {mass:g} kg and the principal moments {shown} kg*m^2"
+        if counts or largest > 0:
+            doc.add("inertia-zero" if counts else "inertia-negligible", element, what, name=name)
         return False
     excess = moments[2] / (moments[0] + moments[1]) - 1
     if excess > _ROUNDING:

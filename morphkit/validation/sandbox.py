@@ -31,27 +31,32 @@ class Answer:
     Attributes:
         meshes: Facts by path.
         model: What MuJoCo made of the model, see `_examine`; None where it was not asked or the child died before.
+        refused: Why the robot cannot be converted; empty where it can, None where that was not asked or not answered.
         died: How and at what the child died; empty where it did not.
     """
 
     meshes: dict[str, MeshFacts] = field(default_factory=dict)
     model: dict[str, Any] | None = None
+    refused: str | None = None
     died: str = ""
 
 
-def probe(meshes: Sequence[Path], model: dict[str, Any] | None) -> Answer:
-    """Ask a child about meshes and a model.
+def probe(
+    meshes: Sequence[Path], *, model: dict[str, Any] | None = None, robot: dict[str, Any] | None = None
+) -> Answer:
+    """Ask a child about meshes and a model or robot.
 
     Args:
         meshes: Mesh files.
         model: `source` (text of an MJCF without includes), `file`, `folder` and `packages`; None for no model.
+        robot: The same of a URDF, its bytes as Latin-1; None for none.
     """
     answer = Answer()
     wanted = list(dict.fromkeys(map(str, meshes)))
-    tasks = [*wanted, *(["MuJoCo"] if model is not None else [])]
+    tasks = [*wanted, *(["MuJoCo"] if model is not None or robot is not None else [])]
     if not tasks:
         return answer
-    request = json.dumps({"meshes": wanted, "model": model}).encode()
+    request = json.dumps({"meshes": wanted, "model": model, "robot": robot}).encode()
     command = [sys.executable, "-m", "morphkit.validation.sandbox"]
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     reason = ""
@@ -71,7 +76,7 @@ def probe(meshes: Sequence[Path], model: dict[str, Any] | None) -> Answer:
     for line in output.decode(errors="replace").splitlines():
         _take(answer, line)
     if reason:
-        finished = len(answer.meshes) + (answer.model is not None)
+        finished = len(answer.meshes) + (answer.model is not None) + (answer.refused is not None)
         answer.died = f"{tasks[min(finished, len(tasks) - 1)]}: {reason}"
     return answer
 
@@ -95,6 +100,8 @@ def _take(answer: Answer, line: str) -> None:
         answer.meshes[found["mesh"]] = facts
     elif "model" in found:
         answer.model = found["model"]
+    elif "refused" in found:
+        answer.refused = found["refused"]
 
 
 def _measure(path: Path) -> dict[str, Any]:
@@ -121,6 +128,10 @@ def _answers(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
         from morphkit.validation.mujoco_checks import examine
 
         yield {"model": examine(**request["model"])}
+    if request["robot"] is not None:
+        from morphkit.validation.urdf_conversion import refusal
+
+        yield {"refused": refusal(**request["robot"])}
 
 
 def main() -> None:

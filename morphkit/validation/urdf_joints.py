@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from morphkit.readers.urdf_structure import WITH_AXIS, without_direction
 from morphkit.validation.common import read_numbers, unknown
 from morphkit.validation.document import CheckedDocument, elements
 from morphkit.validation.urdf_tree import UrdfTree
@@ -40,6 +41,8 @@ def _check_joint(doc: CheckedDocument, name: str, joint: Any) -> tuple[float, fl
         length = math.hypot(*axis) if axis is not None else 1.0
         if kind in (*_MOVING, "planar") and length < 1e-9:
             doc.add("axis-zero", element, f"{owner} has the axis {element.get('xyz')}", name=name)
+        elif kind in WITH_AXIS and element.get("xyz") is None:
+            doc.add("axis-missing", element, f"{owner} has {without_direction(element)}", name=name)
         elif kind in _MOVING and abs(length - 1) > _UNIT_TOLERANCE:
             doc.add("axis-length", element, f"{owner} has an axis of length {length:.4g}", name=name)
     for element in elements(joint, "dynamics"):
@@ -71,7 +74,7 @@ def _check_limit(doc: CheckedDocument, name: str, kind: str, limit: Any, *, mimi
     if kind not in _NEEDS_LIMIT:
         return None
     if limit.get("lower") is None and limit.get("upper") is None:
-        doc.add("limit-empty", limit, f"{kind} {owner} has neither lower nor upper: both count as 0", name=name)
+        doc.add("limit-empty", limit, f"{kind} {owner} has neither lower nor upper: it moves freely", name=name)
         return None
     if any(limit.get(key) is not None and values[key] is None for key in ("lower", "upper")):
         return None  # no number, which is reported
@@ -80,8 +83,8 @@ def _check_limit(doc: CheckedDocument, name: str, kind: str, limit: Any, *, mimi
         doc.add("limit-inverted", limit, f"{owner} has lower {low:g} above upper {high:g}", name=name)
         return None
     if low == high:
-        doc.add("limit-empty", limit, f"{owner} has lower and upper {low:g}", name=name)
-        return None
+        doc.add("limit-empty", limit, f"{owner} has lower and upper {low:g}: it is held there", name=name)
+        return low, high
     largest = max(abs(low), abs(high))
     if kind == "revolute" and _TURNS < largest <= _MOST_DEGREES:
         doc.add("limit-degrees", limit, f"{owner} turns from {low:g} to {high:g} rad", name=name)
@@ -98,6 +101,10 @@ def _check_mimics(doc: CheckedDocument, tree: UrdfTree, limits: dict[str, tuple[
             target_of[name] = target
             if "fixed" in (joint.get("type"), tree.joints[target].get("type")):
                 doc.add("mimic-fixed", mimic, f"joint {name!r} mimics {target!r}, and one of them is fixed", name=name)
+            elif any(found is not None and found[0] == found[1] for found in (limits[name], limits[target])):
+                doc.add("mimic-fixed", mimic, f"joint {name!r} mimics {target!r}, and one of them is held", name=name)
+            elif any(each.get("type") not in _MOVING for each in (joint, tree.joints[target])):
+                doc.add("mimic-fixed", mimic, f"joint {name!r} cannot follow {target!r}: their types differ", name=name)
             elif (own := limits[name]) is not None and (leader := limits[target]) is not None:
                 _check_mimic_range(doc, name, mimic, own, leader)
     safe: set[str] = set()
@@ -140,7 +147,7 @@ def _check_drives(doc: CheckedDocument, tree: UrdfTree) -> None:
             driven.add(joint)
             if joint not in tree.joints:
                 what = f"{label} drives {unknown(doc, 'joint', joint, tree.joints)}"
-                doc.add("reference-unknown", element, what, name=block.get("name") or "")
+                doc.add("reference-ignored", element, what, name=block.get("name") or "")
             elif tree.joints[joint].get("type") == "fixed":
                 doc.add("transmission-idle", element, f"{label} drives fixed joint {joint!r}", name=joint)
     driven |= {

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from morphkit.formats.poses import Pose, identity, urdf_pose
+from morphkit.simulation.inertia import LEAST_MASS
 from morphkit.validation.common import read_numbers
 from morphkit.validation.document import CheckedDocument, elements
 from morphkit.validation.inertia import check_tensor, symmetric
@@ -86,6 +87,9 @@ def _check_inertial(doc: CheckedDocument, name: str, link: Any) -> Inertial | No
     center = pose.position if pose is not None else None
     if mass is None or mass <= 0:
         return None
+    if mass < LEAST_MASS:
+        doc.add("mass-missing", element, f"{owner} has mass {mass:g} kg, which counts as none", name=name)
+        return None
     return Inertial(element, mass, center)
 
 
@@ -102,17 +106,13 @@ def _tensor(doc: CheckedDocument, name: str, inertial: Inertial) -> np.ndarray |
     owner, mass = f"link {name!r}", inertial.mass
     for element in elements(inertial.element, "inertia"):
         found = [read_numbers(doc, element, key, _ONE, owner=owner) for key in _MOMENTS]
-        missing = [key for key in _MOMENTS[:3] if element.get(key) is None]
-        if missing:
-            doc.add("number-invalid", element, f"<inertia> of {owner} lacks {', '.join(missing)}", name=name)
-            return None
+        if any(element.get(key) is None for key in _MOMENTS[:3]):
+            return None  # reported as incomplete
         if any(numbers is None and element.get(key) is not None for key, numbers in zip(_MOMENTS, found, strict=True)):
             return None
         tensor = symmetric(*(numbers[0] if numbers is not None else 0.0 for numbers in found))
         proper = check_tensor(doc, element, tensor, mass=mass, owner=owner, name=name, counts=inertial.counts)
         return tensor if proper else None
-    if inertial.counts:
-        doc.add("inertia-zero", inertial.element, f"{owner} has mass {mass:g} kg and no <inertia>", name=name)
     return None
 
 

@@ -165,7 +165,6 @@ TWINS = (link("c"), link("e"), joint("j", "continuous", "a", "b"), joint("j", "c
             "two joints are called 'j' (the first in",
         ),
         ((A, B, *TWINS, transmission("t", ("j",), ())), 7, "<joint> in line 8 refers to one of them; rename one"),
-        ((A, B, joint("j", "fixed", "a", "b"), transmission("t", ("q",), ())), 5, "transmission 't' drives joint 'q'"),
         (("",), 1, "no <link>"),
     ],
 )

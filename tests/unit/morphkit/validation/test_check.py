@@ -44,6 +44,11 @@ URDFS = {
     "number-infinite": (urdf(hip=LIMIT.replace('"5"', '"inf"')), 4),
     "axis-zero": (urdf().replace("0 1 0", "0 0 0"), 4),
     "axis-length": (urdf().replace("0 1 0", "0 2 0"), 4),
+    "axis-missing": (urdf().replace("<axis xyz", "<axis xzy"), 4),
+    "element-repeated": (urdf(hip=LIMIT + LIMIT), 4),
+    "attribute-unknown": (urdf(hip=LIMIT.replace("upper", "uper")), 4),
+    "world-mass": (urdf().replace('"base"', '"world"'), 2),
+    "world-inside": (urdf().replace('"leg"', '"world"'), 4),
     "limit-missing": (urdf(hip=""), 4),
     "limit-inverted": (urdf(hip=LIMIT.replace("-1", "3")), 4),
     "limit-empty": (urdf(hip='<limit effort="5" velocity="2"/>'), 4),
@@ -68,6 +73,15 @@ URDFS = {
     ),
     "mass-negative": (urdf(leg=inertial("-1") + BALL), 3),
     "mass-missing": (urdf(leg=BALL), 3),
+    "inertial-incomplete": (urdf(leg=inertial(inertia="") + BALL), 3),
+    "inertia-massless": (urdf(leg=inertial("0") + BALL), 3),
+    "inertia-negligible": (
+        urdf(
+            extra=f'<link name="logo">{inertial("1e-7", moments("2e-15", "2e-15", "2e-15"))}</link>'
+            '<joint name="j" type="fixed"><parent link="leg"/><child link="logo"/></joint>'
+        ),
+        5,
+    ),
     "inertia-negative": (urdf(leg=inertial(inertia=moments("1", "1", "-1"))), 3),
     "inertia-zero": (urdf(leg=inertial(inertia=moments("0", "0", "0"))), 3),
     "inertia-triangle": (urdf(leg=inertial(inertia=moments("0.01", "0.01", "0.03"))), 3),

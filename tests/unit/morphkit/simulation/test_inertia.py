@@ -9,8 +9,8 @@ import pytest
 
 import morphkit
 from morphkit.conversion.convert import convert
-from morphkit.conversion.inertia import possible_moments
 from morphkit.errors import DescriptionError
+from morphkit.simulation.inertia import possible_moments
 from tests.support.everything_urdf import EVERYTHING, robot
 
 

@@ -1,0 +1,370 @@
+"""One rule for what a URDF means: `check` says what is mended, and all that simulate mend it alike, or all refuse."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from morphkit.ablation.ablate import ablate
+from morphkit.conversion.convert import Conversion, convert
+from morphkit.description import Description
+from morphkit.errors import DescriptionError
+from morphkit.readers import read
+from morphkit.simulation.build import build_simulation, compile_plain
+from morphkit.simulation.inspection_model import load_mechanics
+from morphkit.tokens.spec import token_spec
+from morphkit.validation.check import check
+from tests.support.faulty_robots import check_text, lines_of
+
+TENSOR = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
+INERTIAL = f'<inertial><mass value="1"/>{TENSOR}</inertial>'
+LIMIT = '<limit lower="-1" upper="1" effort="5" velocity="3"/>'
+AXIS = '<axis xyz="0 1 0"/>'
+
+
+def link(name: str, inside: str = INERTIAL) -> str:
+    return f'<link name="{name}">{inside}</link>'
+
+
+def joint(name: str, parent: str, child: str, inside: str = AXIS + LIMIT, *, kind: str = "revolute") -> str:
+    return f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{inside}</joint>'
+
+
+def robot(*parts: str) -> str:
+    return '<robot name="r">\n' + "\n".join(parts) + "\n</robot>\n"
+
+
+def described(text: str) -> Description:
+    return Description("r", "r.urdf", "urdf", text.encode())
+
+
+def two(arm: str = INERTIAL, moving: str = AXIS + LIMIT, *, kind: str = "revolute", extra: str = "") -> str:
+    """A base and an arm (line 3) on a joint (line 4); what is extra starts in line 5."""
+    return robot(link("base"), link("arm", arm), joint("j", "base", "arm", moving, kind=kind), extra)
+
+
+def by_all(text: str) -> Conversion:
+    """The conversion of a robot that everything takes."""
+    description = described(text)
+    token_spec(read(description))
+    compile_plain(description)
+    load_mechanics(description)
+    build_simulation(description)
+    return convert(description)
+
+
+def masses(model: mujoco.MjModel) -> dict[str, float]:
+    return {model.body(body).name: float(model.body_mass[body]) for body in range(1, model.nbody)}
+
+
+VISUAL = '<visual><geometry><box size=".1 .1 .1"/></geometry>{}</visual>'
+COLORS = (
+    '<material name="a"><color rgba="1 0 0 1"/></material>',
+    '<material name="b"><color rgba="0 1 0 1"/></material>',
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        (two(INERTIAL + VISUAL.format("".join(COLORS))), "material"),
+        (two(moving=AXIS + '<axis xyz="1 0 0"/>' + LIMIT), "axis"),
+        (two(moving=AXIS + LIMIT + LIMIT.replace("-1", "-2")), "limit"),
+        (two(moving='<origin xyz="0 0 1"/><origin xyz="0 0 2"/>' + AXIS + LIMIT), "origin"),
+        (two(INERTIAL + INERTIAL.replace('"1"', '"9"')), "inertial"),
+        (two(INERTIAL.replace("</in", '<mass value="9"/></in', 1)), "mass"),
+        (two(INERTIAL.replace("</in", TENSOR + "</in", 1)), "inertia"),
+        (two(moving=AXIS + LIMIT + '<dynamics damping="1"/><dynamics damping="2"/>'), "dynamics"),
+        (two(moving=AXIS + LIMIT + '<child link="base"/>'), "child"),
+        (two(INERTIAL + VISUAL.format('<geometry><sphere radius="1"/></geometry>')), "geometry"),
+    ],
+)
+def test_of_what_is_there_twice_the_first_counts(tmp_path: Path, text: str, what: str) -> None:
+    conversion = by_all(text)
+    assert [note for note in conversion.notes if f"second <{what}>" in note]
+    once = conversion.spec.compile()
+    assert masses(once) == {"base": 1, "arm": 1}
+    assert once.joint("j").axis.tolist() == [0, 1, 0]
+    assert once.joint("j").range.tolist() == [-1, 1]
+    assert once.body("arm").pos[2] == (1 if what == "origin" else 0)
+    assert once.dof_damping[0] == (1 if what == "dynamics" else 0.1)
+    if what == "material":
+        assert once.geom_rgba[0].tolist() == [1, 0, 0, 1]
+    report = check_text(tmp_path, "r.urdf", text, deep=False)
+    assert len(lines_of(report, "element-repeated")) == 1
+    assert not report.count("error")
+
+
+@pytest.mark.parametrize(
+    ("inertial", "mass", "moments"),
+    [
+        ('<inertial><mass value="2"/></inertial>', 2, 2e-4),
+        ("<inertial><mass/></inertial>", 1e-3, 1e-7),
+        ("<inertial/>", 1e-3, 1e-7),
+        (f"<inertial>{TENSOR}</inertial>", 1e-3, 1e-7),
+        (INERTIAL.replace('ixy="0"', ""), 1, 0.01),
+        (INERTIAL.replace(' ixy="0" ixz="0" iyz="0"', ""), 1, 0.01),
+        (INERTIAL.replace('izz="0.01"', ""), 1, 1e-4),
+    ],
+)
+def test_incomplete_inertials(tmp_path: Path, inertial: str, mass: float, moments: float) -> None:
+    model = by_all(two(inertial)).spec.compile()
+    assert model.body("arm").mass[0] == pytest.approx(mass)
+    assert model.body("arm").inertia == pytest.approx([moments] * 3)
+    report = check_text(tmp_path, "r.urdf", two(inertial), deep=False)
+    assert lines_of(report, "inertial-incomplete") == [3]
+    assert not report.count("error")
+    simulated = build_simulation(described(two(inertial))).model
+    assert simulated.body("arm").mass[0] == pytest.approx(mass)
+
+
+def test_an_axis_without_direction_is_refused_where_something_moves(tmp_path: Path) -> None:
+    typo = '<axis xzy="0 1 0"/>'
+    for kind in ("revolute", "continuous", "prismatic", "planar"):
+        text = two(moving=typo + LIMIT, kind=kind)
+        for use in (read, convert, build_simulation, load_mechanics, compile_plain):
+            with pytest.raises(DescriptionError, match=r"r\.urdf:4: joint 'j' has an <axis> without xyz, but xzy"):
+                use(described(text))
+        assert lines_of(check_text(tmp_path, "r.urdf", text, deep=False), "axis-missing") == [4]
+    hand = link("hand") + joint("k", "arm", "hand", typo, kind="fixed")
+    conversion = by_all(two(extra=hand))
+    assert any("'xzy', which counts for nothing; did you mean 'xyz'?" in note for note in conversion.notes)
+    report = check_text(tmp_path, "r.urdf", two(extra=hand), deep=False)
+    assert lines_of(report, "attribute-unknown") == [5]
+    assert not report.count("error")
+
+
+@pytest.mark.parametrize(
+    "other", ['<limit low="-1" uper="1" effort="5" velocity="3"/>', '<origin xzy="0 0 1"/>' + LIMIT]
+)
+def test_other_slips_of_the_pen_are_found(tmp_path: Path, other: str) -> None:
+    report = check_text(tmp_path, "r.urdf", two(moving=AXIS + other), deep=False)
+    assert lines_of(report, "attribute-unknown")
+
+
+def test_the_world_has_no_mass(tmp_path: Path) -> None:
+    tensor = '<inertia ixx="0.01" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>'
+    heavy = link("world", f'<inertial><mass value="0.01"/>{tensor}</inertial>')
+    text = robot(
+        heavy, link("base"), link("arm"), joint("w", "world", "base", "", kind="fixed"), joint("j", "base", "arm")
+    )
+    conversion = by_all(text)
+    assert conversion.mass == 2
+    assert any("'world' is the world: its <inertial> counts as none" in note for note in conversion.notes)
+    assert lines_of(check_text(tmp_path, "r.urdf", text, deep=False), "world-mass") == [2]
+
+
+BELOW = robot(
+    link("map", ""),
+    link("world", ""),
+    link("base", INERTIAL + '<collision><geometry><box size=".2 .2 .2"/></geometry></collision>'),
+    link("arm"),
+    joint("mw", "map", "world", '<origin xyz="0 0 1"/>', kind="fixed"),
+    joint("wb", "world", "base", '<origin xyz="0 1 0"/>', kind="fixed"),
+    joint("j", "base", "arm"),
+    '<sensor name="imu" type="imu"><parent link="world"/></sensor>',
+    '<gazebo reference="world"><a/></gazebo>',
+)
+
+
+def test_a_link_called_world_that_is_no_root_is_a_link(tmp_path: Path) -> None:
+    conversion = by_all(BELOW)
+    model = conversion.spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert data.body("base").xpos.tolist() == [0, 1, 1]
+    assert conversion.mass == 2
+    report = check_text(tmp_path, "r.urdf", BELOW, deep=False)
+    assert lines_of(report, "world-inside") == [6]
+    assert not report.count("error")
+    free = convert(described(BELOW), base="free").spec.compile()
+    assert free.body_weldid[1:].all()
+    fallen = mujoco.MjData(free)
+    mujoco.mj_step(free, fallen, nstep=20)
+    assert fallen.body("base").xpos[2] < fallen.body("world_link").xpos[2] + 1
+    assert fallen.body("map").xpos[2] < free.body("map").pos[2]
+    morphology = read(described(BELOW))
+    assert morphology.root.members == ("map", "world_link", "base")
+    assert morphology.sensors[0].limb == "map"
+    assert {origin.original for origin in morphology.origins if origin.given == "world_link"} == {"world"}
+
+
+def test_a_cut_leaves_and_takes_a_link_called_world_by_its_own_name() -> None:
+    kept = ablate(described(BELOW), remove=["arm"]).description.source
+    assert b"world_link" not in kept
+    assert kept.count(b'"world"') == BELOW.count('"world"')
+    gone = ablate(described(BELOW), remove=["world_link"])
+    assert b"world" not in gone.description.source
+    assert {loss.kind for loss in gone.lost} >= {"sensor", "gazebo"}
+
+
+def test_world_on_a_hinge() -> None:
+    text = robot(link("base"), link("world"), joint("j", "base", "world"))
+    conversion = by_all(text)
+    assert conversion.mass == 2
+    assert conversion.spec.compile().body("world_link").jntnum[0] == 1
+    assert any("'world' is no root: it is called 'world_link'" in note for note in conversion.notes)
+
+
+def test_moments_below_what_mujoco_takes(tmp_path: Path) -> None:
+    def moments(*values: str) -> str:
+        return '<inertia ixx="{}" iyy="{}" izz="{}" ixy="0" ixz="0" iyz="0"/>'.format(*values)
+
+    for mass, tensor in (
+        ("6e-8", moments("2e-15", "2e-15", "2e-15")),
+        ("1e-6", moments("5e-14", "5e-14", "2e-15")),
+        ("1e-6", moments("1e-14", "1e-14", "1e-14")),
+        ("0", moments("0", "0", "0.001")),
+        ("0", moments("-1", "2", "0.001")),
+        ("1e-12", moments("0", "0", "0.001")),
+    ):
+        logo = link("logo", f'<inertial><mass value="{mass}"/>{tensor}</inertial>') + joint(
+            "k", "arm", "logo", "", kind="fixed"
+        )
+        conversion = by_all(two(extra=logo))
+        assert conversion.mass == pytest.approx(2)
+        assert np.isfinite(conversion.spec.compile().body_inertia).all()
+        report = check_text(tmp_path, "r.urdf", two(extra=logo), deep=False)
+        assert not report.count("error")
+        assert report.findings
+
+
+def held(lower: str, upper: str, *, kind: str = "revolute", extra: str = "", inside: str = "") -> str:
+    limit = f'<limit {lower} {upper} effort="5" velocity="3"/>'
+    return robot(
+        link("base"),
+        link("a"),
+        link("b"),
+        joint("j", "base", "a", f'<origin xyz="0 0 1" rpy="0 0 1"/><axis xyz="0 2 0"/>{limit}{inside}', kind=kind),
+        joint("k", "a", "b", '<origin xyz="1 0 0"/>' + AXIS + LIMIT),
+        extra,
+    )
+
+
+@pytest.mark.parametrize("value", [0.5, 0.0, -2.0])
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_a_joint_whose_limits_are_equal_is_held_there(tmp_path: Path, value: float, kind: str) -> None:
+    text = held(f'lower="{value}"', f'upper="{value}"', kind=kind)
+    free = convert(described(held('lower="-9"', 'upper="9"', kind=kind))).spec.compile()
+    expected = mujoco.MjData(free)
+    expected.joint("j").qpos[0] = value
+    mujoco.mj_kinematics(free, expected)
+    for model in (by_all(text).spec.compile(), build_simulation(described(text)).model):
+        assert [model.joint(number).name for number in range(model.njnt)] == ["k"]
+        assert model.nu == 1
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        for body in ("a", "b"):
+            assert data.body(body).xpos == pytest.approx(expected.body(body).xpos, abs=1e-12)
+            assert abs(data.body(body).xquat @ expected.body(body).xquat) == pytest.approx(1)
+    unit = "m" if kind == "prismatic" else "rad"
+    assert f"joint 'j' is held at {value:g} {unit}: its limits are equal" in convert(described(text)).notes
+    assert [actuator.joint for actuator in read(described(text)).actuators] == ["k"]
+    report = check_text(tmp_path, "r.urdf", text, deep=False)
+    assert lines_of(report, "limit-empty") == [5]
+    assert not report.count("error")
+
+
+def test_limits_that_say_nothing_or_infinity_do_not_hold() -> None:
+    for lower, upper in (("", ""), ('lower="-inf"', 'upper="inf"'), ('lower="-1e400"', 'upper="inf"')):
+        model = by_all(held(lower, upper)).spec.compile()
+        assert not model.joint("j").limited[0]
+        assert model.nu == 2
+    one_sided = by_all(held('lower="-inf"', 'upper="1"')).spec.compile()
+    assert one_sided.joint("j").range.tolist() == [-1e9, 1]
+    assert read(described(held('lower="-inf"', 'upper="1"'))).joints[0].low == -1e9
+
+
+def follower(leader: str, name: str = "f", *, numbers: str = 'multiplier="2" offset="0.25"') -> str:
+    inside = f'{AXIS}<limit lower="-3" upper="3" effort="5" velocity="3"/><mimic joint="{leader}" {numbers}/>'
+    return link(f"{name}_link") + joint(name, "base", f"{name}_link", inside)
+
+
+def test_what_mimics_a_held_or_fixed_joint_is_held(tmp_path: Path) -> None:
+    for text, angle in (
+        (held('lower="0.5"', 'upper="0.5"', extra=follower("j")), 1.25),
+        (held('lower="0.5"', 'upper="0.5"', extra=follower("g") + follower("j", "g", numbers="")), 1.25),
+        (two(extra=follower("w") + link("plate") + joint("w", "base", "plate", "", kind="fixed")), 0.25),
+    ):
+        model = by_all(text).spec.compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        assert data.body("f_link").xquat == pytest.approx([math.cos(angle / 2), 0, math.sin(angle / 2), 0])
+        assert not model.neq
+        report = check_text(tmp_path, "r.urdf", text, deep=False)
+        assert lines_of(report, "mimic-fixed")
+        assert not report.count("error")
+
+
+def test_mimics_that_say_nothing_go() -> None:
+    itself = by_all(two(moving=AXIS + LIMIT + '<mimic joint="j"/>'))
+    assert itself.motors == 1
+    planar = link("sled") + joint("p", "base", "sled", '<axis xyz="0 0 1"/>', kind="planar")
+    loose = by_all(two(moving=AXIS + LIMIT + '<mimic joint="p"/>', extra=planar))
+    assert not loose.spec.equalities
+    assert any("joint 'j' cannot follow 'p'" in note for note in loose.notes)
+
+
+def test_a_splice_keeps_what_is_below_a_held_joint_in_place() -> None:
+    limit = '<limit lower="0.5" upper="0.5" effort="5" velocity="3"/>'
+    text = robot(
+        *map(link, ("base", "thigh", "shin", "toe")),
+        joint("hip", "base", "thigh", '<origin xyz="0 0 1"/>' + AXIS + LIMIT),
+        joint("knee", "thigh", "shin", '<origin xyz="0 0 -1"/>' + AXIS + limit),
+        joint("curl", "shin", "toe", '<origin xyz="1 0 0"/>' + AXIS + LIMIT),
+    )
+    before = compile_plain(described(text))
+    after = compile_plain(ablate(described(text), splice=["thigh"]).description)
+    poses = []
+    for model in (before, after):
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        poses.append(data.body("toe").xquat.copy())
+    assert abs(poses[0] @ poses[1]) == pytest.approx(1)
+    assert [limb.name for limb in read(described(text)).limbs] == ["base", "thigh", "toe"]
+
+
+def test_a_transmission_of_no_joint_is_a_finding_only(tmp_path: Path) -> None:
+    drive = '<transmission name="{0}"><joint name="{0}"/><actuator name="m_{0}"/></transmission>'
+    text = two(extra=drive.format("q") + drive.format("j"))
+    assert [actuator.name for actuator in read(described(text)).actuators] == ["m_j"]
+    assert by_all(text).motors == 1
+    assert by_all(two(extra=drive.format("q"))).motors == 1  # none is left: effort limits count
+    report = check_text(tmp_path, "r.urdf", text, deep=False)
+    assert lines_of(report, "reference-ignored") == [5]
+    assert not report.count("error")
+
+
+@pytest.mark.parametrize("number", ["1_0", "\u0661", "0x1", "1,0"])
+def test_numbers_that_only_python_reads_are_none(tmp_path: Path, number: str) -> None:
+    text = two(INERTIAL.replace('value="1"', f'value="{number}"'))
+    with pytest.raises(DescriptionError, match=r"r\.urdf:3: value=.*expected a number"):
+        read(described(text))
+    assert lines_of(check_text(tmp_path, "r.urdf", text, deep=False), "number-invalid") == [3]
+
+
+def test_infinite_masses_and_places_are_refused_by_all(tmp_path: Path) -> None:
+    for text in (
+        two(INERTIAL.replace('value="1"', 'value="inf"')),
+        two(moving='<origin xyz="1e999 0 0"/>' + AXIS + LIMIT),
+    ):
+        with pytest.raises(DescriptionError, match=r"expected .*finite number"):
+            read(described(text))
+        assert lines_of(check_text(tmp_path, "r.urdf", text, deep=False), "number-invalid")
+
+
+def test_check_says_what_only_the_conversion_finds(tmp_path: Path) -> None:
+    """A mesh that check's own look takes for sound, and MuJoCo refuses."""
+    (tmp_path / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    mesh = '<collision><geometry><mesh filename="m.obj"/></geometry></collision>'
+    (tmp_path / "r.urdf").write_text(two(INERTIAL + mesh))
+    report = check(tmp_path / "r.urdf")
+    (finding,) = [found for found in report.findings if found.severity == "error"]
+    assert finding.rule == "simulator-refuses"
+    assert "m.obj" in finding.message
+    assert not check(tmp_path / "r.urdf", deep=False).count("error")
+    assert {path.name for path in tmp_path.iterdir()} == {"r.urdf", "m.obj"}
