@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from morphkit.formats.urdf_transmissions import driven_joints
+
 _KNOWN = ("link", "joint", "material", "transmission", "mujoco")
 _JOINT_PARTS = {
     "safety_controller": "soft limits are a matter of the controller",
@@ -84,5 +86,5 @@ def _transmission(transmission: Any, name: str) -> Iterator[Missing]:
         if text not in ("", "1", "1.0"):
             reason = f"effort limits are those of the joint, so motors have gear 1 ({text})"
             yield Missing("mechanical reduction", name, ratio.sourceline, reason)
-    if not list(transmission.iter("joint")):
+    if not driven_joints(transmission):
         yield Missing("transmission", name, transmission.sourceline, "it drives no joint")

@@ -9,6 +9,7 @@ from dataclasses import replace
 from lxml import etree
 
 from morphkit.errors import DescriptionError
+from morphkit.formats.urdf_transmissions import driven_joints
 from morphkit.morphology import Origin
 from morphkit.naming.unique import TakenNames, give_names
 
@@ -95,8 +96,7 @@ def _joint_references(root: etree._Element, joints: list[etree._Element]) -> Ite
         for mimic in joint.iterchildren("mimic"):
             yield mimic, mimic.get("joint") or ""
     for transmission in root.iterchildren("transmission"):
-        for element in transmission.iter("joint"):
-            yield element, element.get("name") or ""
+        yield from driven_joints(transmission)
 
 
 def _refuse_shared(

@@ -15,6 +15,7 @@ from morphkit.errors import DescriptionError
 from morphkit.formats.document import document_of
 from morphkit.formats.limits import check_count
 from morphkit.formats.urdf_names import WORLD, name_elements
+from morphkit.formats.urdf_transmissions import driven_joints
 from morphkit.morphology import Actuator, Base, Joint, JointKind, Limb, Morphology, Origin
 from morphkit.naming.limbs import numbered_labels
 from morphkit.naming.unique import give_names
@@ -223,10 +224,8 @@ def _effort(joint: Any) -> float:
 def _transmissions(tree: etree._ElementTree) -> Iterator[tuple[str | None, str, str | None]]:
     """Yield actuator name, joint name and line of each transmission; the n-th actuator drives the n-th joint."""
     for block in tree.getroot().iterchildren("transmission"):
-        joints = [element.get("name") for element in block.iterchildren("joint")]
         actuators = list(block.iterchildren("actuator"))
-        for position, joint in enumerate(joints):
+        for position, (_, joint) in enumerate(driven_joints(block)):
             actuator = actuators[position] if position < len(actuators) else block
             name = actuator.get("name") if actuator is not block else None
-            if joint:
-                yield name or None, joint, str(actuator.sourceline)
+            yield name or None, joint, str(actuator.sourceline)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from morphkit.formats.urdf_transmissions import driven_joints
 from morphkit.readers.urdf_structure import WITH_AXIS, without_direction
 from morphkit.validation.common import read_numbers, unknown
 from morphkit.validation.document import CheckedDocument, elements
@@ -140,7 +141,7 @@ def _check_drives(doc: CheckedDocument, tree: UrdfTree) -> None:
     blocks = elements(doc.root, "transmission")
     for block in blocks:
         label = f"transmission {block.get('name')!r}"
-        names = [(each, (each.get("name") or each.text or "").strip()) for each in block.iter("joint")]
+        names = driven_joints(block)
         if not names:
             doc.add("transmission-idle", block, f"{label} names no joint", name=block.get("name") or "")
         for element, joint in names:
