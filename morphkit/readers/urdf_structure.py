@@ -227,9 +227,10 @@ def _check_numbers(element: etree._Element, file: str) -> None:
                 found = np.zeros(0)
             infinite = np.isinf(found).any() and part.tag not in MAY_BE_INFINITE
             if len(found) != count or np.isnan(found).any() or infinite:
-                finite = "finite " * bool(infinite)
-                expected = f"a {finite}number" if count == 1 else f"{count} {finite}numbers"
+                expected = f"expected {'a number' if count == 1 else f'{count} numbers'}"
+                if infinite:
+                    expected = "which is not finite"
                 raise DescriptionError(
                     f'{file}:{part.sourceline}: {attribute}="{text}" in <{part.tag}> of {element.tag}'
-                    f" {element.get('name')!r}, expected {expected}"
+                    f" {element.get('name')!r}, {expected}"
                 )

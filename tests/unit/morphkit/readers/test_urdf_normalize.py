@@ -352,7 +352,7 @@ def test_infinite_masses_and_places_are_refused_by_all(tmp_path: Path) -> None:
         two(INERTIAL.replace('value="1"', 'value="inf"')),
         two(moving='<origin xyz="1e999 0 0"/>' + AXIS + LIMIT),
     ):
-        with pytest.raises(DescriptionError, match=r"expected .*finite number"):
+        with pytest.raises(DescriptionError, match="not finite"):
             read(described(text))
         assert lines_of(check_text(tmp_path, "r.urdf", text, deep=False), "number-invalid")
 
