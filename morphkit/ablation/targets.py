@@ -74,7 +74,7 @@ def choose(
     chosen = {}
     for verb, patterns in (("removed", remove), ("spliced", splice), ("kept", keep)):
         names = select(morphology, patterns, root=verb == "kept")
-        chosen[verb] = names if image is None else with_counterparts(names, image, file)
+        chosen[verb] = names if image is None else with_counterparts(names, image, morphology)
     for one, other in (("removed", "spliced"), ("kept", "removed"), ("kept", "spliced")):
         both = sorted(set(chosen[one]) & set(chosen[other]))
         if both:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 from morphkit.morphology import Limb, Morphology
-from morphkit.naming import vocabulary
+from morphkit.naming.plain import plain_words
+from morphkit.naming.prefix import Prefixes
+from morphkit.naming.sides import Names
 from morphkit.naming.unique import TakenNames, fold, unique
+from morphkit.naming.vocabulary import split
 
 
 def canonical_limb_names(morphology: Morphology, given: Mapping[str, str]) -> dict[str, str]:
     """Name every limb in plain words: end (front, back), side (left, right), segment, such as `front left thigh`.
 
-    Like limbs get like names whichever robot they are on, so that their text embeddings are shared.
+    Like limbs get like names whichever robot they are on, so that their text embeddings are shared. Codes such as `r`
+    and `fl` count where the robot has the counterpart; see `naming.sides`.
 
     Args:
         morphology: The robot.
@@ -26,22 +30,18 @@ def canonical_limb_names(morphology: Morphology, given: Mapping[str, str]) -> di
     rows = [raw for raw in given if raw in limbs]
     names = dict(zip(rows, unique((given[raw] for raw in rows), " "), strict=True))
     taken = TakenNames((*names.values(), *given.values()), key=fold)
-    prefix = _shared_prefix(morphology)
+    words = _Words(morphology)
     for raw in limbs:
         if raw not in names:
-            names[raw] = _plain_name(raw, prefix, taken)
+            names[raw] = words.name(raw, taken)
     return {raw: names[raw] for raw in limbs}
 
 
 def renumbered_limbs(morphology: Morphology, given: Mapping[str, str]) -> set[str]:
     """Raw names of the limbs whose plain words, by the rules, are not those that they would have alone."""
-    prefix = _shared_prefix(morphology)
+    words = _Words(morphology)
     names = canonical_limb_names(morphology, given)
-    return {
-        raw
-        for raw, name in names.items()
-        if raw not in given and name != _plain_name(raw, prefix, TakenNames(key=fold))
-    }
+    return {raw for raw, name in names.items() if raw not in given and name != words.name(raw, TakenNames(key=fold))}
 
 
 def canonical_joint_names(limb: Limb, limb_name: str) -> dict[str, str]:
@@ -50,7 +50,7 @@ def canonical_joint_names(limb: Limb, limb_name: str) -> dict[str, str]:
     A limb `right thigh` with the joints `right_hip_x` and `right_hip_y` gives `hip x` and `hip y`.
     """
     said = set(fold(limb_name).split())
-    whole = [vocabulary.plain_words(vocabulary.split(joint.name)) for joint in limb.joints]
+    whole = [plain_words(split(joint.name), said=said) for joint in limb.joints]
     short = [" ".join(word for word in words.split() if word not in said) for words in whole]
     distinct = all(short) and len(set(short)) == len(short)
     return dict(zip((joint.name for joint in limb.joints), unique(short if distinct else whole, " "), strict=True))
@@ -80,23 +80,17 @@ def numbered_labels(limbs: Iterable[str], given: Mapping[str, str]) -> dict[str,
     return {name: labels[name] for name in limbs if labels[name] != name}
 
 
-def _plain_name(raw: str, prefix: Sequence[str], taken: TakenNames) -> str:
-    """The first free name in plain words, taken then: without the prefix, with it, without synonyms, numbered."""
-    words = vocabulary.split(raw)
-    short = words[len(prefix) :] if words[: len(prefix)] == prefix and len(words) > len(prefix) else words
-    candidates = (vocabulary.plain_words(short), vocabulary.plain_words(words), " ".join(words))
-    return taken.give(next((name for name in candidates if name not in taken), candidates[0]), " ")
+class _Words:
+    """The limbs' names in plain words, one by one."""
 
+    def __init__(self, morphology: Morphology) -> None:
+        raw = [limb.name for limb in morphology.limbs]
+        self._names = Names(name for limb in morphology.limbs for name in limb.members or (limb.name,))
+        self._prefixes = Prefixes(raw, self._names)
 
-def _shared_prefix(morphology: Morphology) -> list[str]:
-    """Words such as `panda` that open every limb's name but perhaps the root's, and so tell no limb from another."""
-    split = [vocabulary.split(limb.name) for limb in morphology.limbs[1:]]
-    shared: list[str] = []
-    if len(split) < 2:
-        return shared
-    for column in zip(*split, strict=False):
-        rests = [words[len(shared) + 1 :] for words in split]
-        if len(set(column)) > 1 or vocabulary.is_known(column[0]) or not all(any(map(str.isalpha, r)) for r in rests):
-            break
-        shared.append(column[0])
-    return shared
+    def name(self, raw: str, taken: TakenNames) -> str:
+        """The first free name, taken then: without the prefix, with it, with the file's own words, numbered."""
+        whole = split(raw)
+        short, long = (plain_words(whole, self._names, start=each) for each in (self._prefixes.length(raw), 0))
+        candidates = (short, long, " ".join(whole))
+        return taken.give(next((name for name in candidates if name not in taken), candidates[0]), " ")

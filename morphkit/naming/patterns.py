@@ -8,6 +8,8 @@ from collections.abc import Iterator, Sequence
 from morphkit.errors import UnknownNameError
 from morphkit.morphology import Morphology
 from morphkit.naming import vocabulary
+from morphkit.naming.plain import plain_words
+from morphkit.naming.sides import Names
 from morphkit.utils.suggest import did_you_mean
 
 
@@ -73,7 +75,8 @@ def _of_type(morphology: Morphology, word: str) -> Iterator[str]:
 
 
 def _of_segment(names: Sequence[str], word: str) -> list[str]:
-    segment = vocabulary.plain_words([word.lower()])
+    segment = plain_words([word.lower()])
     if segment in vocabulary.DIRECTIONS or not segment.isalpha():
         return []
-    return [name for name in names if segment in vocabulary.plain_words(vocabulary.split(name)).split()]
+    known = Names(names)
+    return [name for name in names if segment in plain_words(vocabulary.split(name), known).split()]

@@ -1,31 +1,39 @@
-"""The words of limb names: how robot files abbreviate sides and segments, and what they mean in plain words."""
+"""The words of limb names: how robot files abbreviate parts of a body, and what they mean in plain words."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 
-_ENDS = {"front": "front", "fore": "front", "back": "back", "rear": "back", "hind": "back", "middle": "middle"}
-_ENDS["mid"] = "middle"
-_SIDES = ("left", "right")
-DIRECTIONS = frozenset([*_ENDS.values(), *_SIDES])
+ENDS = {"front": "front", "fore": "front", "back": "back", "rear": "back", "hind": "back", "middle": "middle"}
+ENDS["mid"] = "middle"
+SIDES = ("left", "right")
+DIRECTIONS = frozenset([*ENDS.values(), *SIDES])
 
-# One and two letters count at either edge of a name only: the `r` in `hip_r_2` may well be a roll axis.
-_LETTERS = {"f": "front", "b": "back", "l": "left", "r": "right"}
-_PAIRS = {
-    pair: (_LETTERS.get(end, {"h": "back", "m": "middle"}.get(end, "")), _LETTERS[side])
-    for end in "fbhm"
-    for side in "lr"
-    for pair in (end + side, side + end)
-} | {"rl": ("back", "left"), "rr": ("back", "right")}
+CENTRAL = frozenset({"torso", "base", "pelvis", "waist", "spine", "chest", "neck", "head", "tail"})
+LEG_PARTS = frozenset({"leg", "hip", "thigh", "knee", "shin", "ankle", "foot", "toe", "heel"})
+ARM_PARTS = frozenset({"arm", "shoulder", "clavicle", "elbow", "wrist", "hand", "palm", "finger", "thumb", "gripper"})
+PAIRED = LEG_PARTS | ARM_PARTS
+"""Parts that a body has on either side."""
+SOLID = frozenset({"leg", "thigh", "shin", "foot", "toe", "heel", "arm", "hand", "palm"})
+"""Paired parts that are no joint, so that an `r` behind them is no roll axis."""
+_ADJECTIVES = ("upper", "lower", "inner", "outer")
+
+FINGERS = frozenset({"index", "middle", "ring", "pinky", "little"})
+FINGER_CODES = {"ff": "index finger", "if": "index finger", "mf": "middle finger", "rf": "ring finger"}
+FINGER_CODES |= {"lf": "little finger", "th": "thumb"}
+PHALANGES = frozenset(
+    {
+        *("metacarpal", "knuckle", "proximal", "prox", "intermediate", "medial", "distal", "phalanx", "nail"),
+        *("mcp", "pip", "dip", "tip", "fingertip"),
+    }
+)
+GLUED_PHALANGES = PHALANGES | {"middle", "base", "hub"}
 
 _SEGMENTS = {
     word: word
     for word in (
-        *("torso", "base", "pelvis", "waist", "spine", "chest", "neck", "head", "tail", "wheel", "leg", "arm"),
-        *("hip", "thigh", "knee", "shin", "ankle", "foot", "toe", "heel"),
-        *("shoulder", "clavicle", "elbow", "wrist", "hand", "palm", "finger", "thumb", "gripper"),
-        *("upper", "lower", "inner", "outer"),
+        *(*CENTRAL, *PAIRED, *_ADJECTIVES, "wheel"),
+        *("index", "ring", "pinky", "little"),
     )
 } | {
     "trunk": "torso",
@@ -50,69 +58,46 @@ _JOINT_CODES = {
     **{"sh": "shoulder", "el": "elbow", "wr": "wrist"},
     **{"hp": "hip", "kn": "knee", "ak": "ankle", "bk": "spine"},
 }
-_FILLERS = frozenset({"link", "body", "joint", "motor", "actuator"})
-_PHRASES = (("upper leg", "thigh"), ("lower leg", "shin"))
+FILLERS = frozenset({"link", "body", "joint", "motor", "actuator"})
+_PHRASES = (
+    ("upper leg", "thigh"),
+    ("lower leg", "shin"),
+    ("upper lower arm", "upper forearm"),
+    ("lower lower arm", "lower forearm"),
+)
 
 
 def split(name: str) -> list[str]:
     """The lower-case words of a name, cut at signs, at camelCase humps and between letters and digits."""
     humps = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", name)
-    return [word.lower() for word in re.findall(r"[^\W\d_]+|\d+", humps)] or [name.lower()]
+    words = [word.lower() for word in re.findall(r"[^\W\d_]+|\d+", humps)] or [name.lower()]
+    return " ".join(words).replace("fore arm", "forearm").split(" ")
 
 
-def is_known(word: str) -> bool:
-    """Whether a word says a side, an end or a segment, alone or glued together, or is a filler such as `link`."""
-    if word in _LETTERS or word in _PAIRS or word in _FILLERS or word in _ENDS or word in _SIDES:
-        return True
-    return _segment(word) is not None or _unglue(word, sided=False) is not None
-
-
-def plain_words(words: Sequence[str]) -> str:
-    """Say a name in plain words: end, side, then what is left in its order: `rl calf` gives `back left shin`."""
-    end, side, rest = "", "", []
-    words = " ".join(words).replace("fore arm", "forearm").split(" ")
-    for i, word in enumerate(words):
-        at_edge = len(words) > 1 and i in (0, len(words) - 1)
-        if word in _ENDS:
-            end = end or _ENDS[word]
-        elif word in _SIDES:
-            side = side or word
-        elif at_edge and word in _PAIRS:
-            end, side = _PAIRS[word]
-        elif at_edge and word in _LETTERS and not (end if word in "fb" else side):
-            end, side = (_LETTERS[word], side) if word in "fb" else (end, _LETTERS[word])
-        elif (segment := _segment(word)) is None and (unglued := _unglue(word, sided=bool(side))):
-            end, side, segment = unglued[0] or end, unglued[1] or side, unglued[2]
-            rest.append(segment)
-        else:
-            rest.append(segment or word)
-    return " ".join(filter(None, (end, side, _without_fillers(rest))))
-
-
-def _segment(word: str) -> str | None:
+def segment(word: str) -> str | None:
+    """The part of a body that a word says, in plain words; None where it says none."""
     if code := _JOINT_CODE.fullmatch(word):
         return f"{_JOINT_CODES[code[1]]} {code[2]}"
     return _SEGMENTS.get(word)
 
 
-def _unglue(word: str, *, sided: bool) -> tuple[str, str, str] | None:
-    """Take apart `bthigh`, `flhip` or `uleg` into (end, side, segment); None where the word is none of these."""
-    for length in (2, 1):
-        head, segment = word[:length], _segment(word[length:])
-        if segment is None:
-            continue
-        if head in _PAIRS:
-            return (*_PAIRS[head], segment)
-        if head == "u" or (head == "l" and sided):
-            return "", "", f"{'upper' if head == 'u' else 'lower'} {segment}"
-        if head in _LETTERS:
-            return (_LETTERS[head], "", segment) if head in "fb" else ("", _LETTERS[head], segment)
-    return None
+def parts(word: str) -> frozenset[str]:
+    """The plain words of the part that a word says, also with a letter or two in front of it, as in `uleg`."""
+    for start in range(3 if len(word) > 3 else 1):
+        if (found := segment(word[start:])) is not None:
+            return frozenset(found.split())
+    return frozenset()
 
 
-def _without_fillers(words: Sequence[str]) -> str:
-    kept = [word for word in words if word not in _FILLERS]
-    text = " ".join(kept if any(not word.isdigit() for word in kept) else words)
+def is_adjective(text: str) -> bool:
+    """Whether a segment in plain words, such as `outer`, only says which of several it is."""
+    return text in _ADJECTIVES
+
+
+def without_fillers(words: list[str]) -> str:
+    """Join words, without `link` and its like where others say more, and with one word for what takes two."""
+    kept = [word for word in words if word not in FILLERS]
+    text = " ".join(kept if any(len(word) > 1 and not word.isdigit() for word in kept) else words)
     for phrase, meaning in _PHRASES:
         text = re.sub(rf"\b{phrase}\b", meaning, text)
     return text

@@ -8,8 +8,9 @@ from typing import Literal, NamedTuple
 
 from morphkit.morphology import Actuator, Joint, Limb, Morphology
 from morphkit.naming.limbs import canonical_joint_names, canonical_limb_names, numbered_labels
+from morphkit.naming.plain import plain_words
 from morphkit.naming.unique import unique
-from morphkit.naming.vocabulary import plain_words, split
+from morphkit.naming.vocabulary import split
 from morphkit.tokens import quantities
 
 Naming = Literal["raw", "canonical"]
@@ -61,14 +62,20 @@ def limb_labels(
     if limb_names == "body":
         names = [limb.name for limb in morphology.limbs]
         return dict(zip(names, names, strict=True)) | numbered_labels(names, morphology.labels)
-    labels = unique(label_alone(limb, naming, limb_names) for limb in morphology.limbs)
+    said = limb_words(morphology, naming, canonical)
+    labels = unique(label_alone(limb, naming, limb_names, said) for limb in morphology.limbs)
     return dict(zip((limb.name for limb in morphology.limbs), labels, strict=True))
 
 
-def label_alone(limb: Limb, naming: Naming, limb_names: str) -> str:
-    """What `limb` would be called in token names if there were no other."""
+def limb_words(morphology: Morphology, naming: Naming, canonical: Mapping[str, str]) -> dict[str, str]:
+    """The canonical name of each limb, by which codes in the names of what is on it are read; none with raw names."""
+    return canonical_limb_names(morphology, canonical) if naming == "canonical" else {}
+
+
+def label_alone(limb: Limb, naming: Naming, limb_names: str, words: Mapping[str, str]) -> str:
+    """What `limb` would be called in token names if there were no other; `words` are its `limb_words`."""
     label = limb.joints[0].name if limb_names == "joint" and limb.joints and limb.parent is not None else limb.name
-    return _underscored(plain_words(split(label))) if naming == "canonical" else label
+    return _plain(label, words.get(limb.name, "")) if naming == "canonical" else label
 
 
 def joint_labels(limb: Limb, naming: Naming, label: str) -> dict[str, str]:
@@ -89,7 +96,7 @@ def actuator_names(
     a_joint = Counter((actuator.limb, actuator.joint) for actuator in actuators)
     for actuator in actuators:
         limb, joint = actuator.limb, actuator.joint
-        own = _underscored(plain_words(split(actuator.name))) if naming == "canonical" else actuator.name
+        own = _plain(actuator.name, labels.get(limb or "", "")) if naming == "canonical" else actuator.name
         if limb is None:
             parts = [own]
         elif a_limb[limb] == 1:
@@ -109,6 +116,11 @@ def numbered_controls(actuators: Sequence[Actuator], alone: Sequence[str], taken
     order = sorted(range(len(actuators)), key=lambda index: actuators[index].limb is None)
     names = dict(zip(order, unique((alone[index] for index in order), taken=taken), strict=True))
     return [names[index] for index in range(len(actuators))]
+
+
+def _plain(name: str, limb: str) -> str:
+    """The name, in plain words, of what is on a limb of that name; both with underscores between words."""
+    return _underscored(plain_words(split(name), said=limb.replace("_", " ").split()))
 
 
 def _underscored(name: str) -> str:

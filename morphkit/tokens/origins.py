@@ -8,7 +8,7 @@ from dataclasses import replace
 from morphkit.morphology import Morphology, Origin
 from morphkit.naming.limbs import renumbered_limbs
 from morphkit.tokens.declared_sensors import sensor_labels
-from morphkit.tokens.names import Naming, label_alone, limb_labels
+from morphkit.tokens.names import Naming, label_alone, limb_labels, limb_words
 
 Named = tuple[str, str, str]
 """Of a token: its name before it is numbered, and kind and name of the element that it belongs to."""
@@ -37,9 +37,10 @@ def given_names(
     spoken |= {(kind, name) for _, (_, kind, name) in tokens}
     spoken |= {(kind, member) for limb in morphology.limbs for member in limb.members for kind in ("body", "link")}
     found = [each for key, each in origins.items() if each.given != each.original and key in spoken]
+    said = limb_words(morphology, naming, canonical) if naming == "canonical" else None
     renamed = [
         *_limbs(morphology, naming, limb_names, canonical),
-        *((label, "sensor", name) for label, name in _sensors(morphology, naming) if ("sensor", name) in spoken),
+        *((label, "sensor", name) for label, name in _sensors(morphology, said) if ("sensor", name) in spoken),
         *((name, kind, element) for name, (alone, kind, element) in tokens if name != alone),
     ]
     unknown = Origin("", "", None, None)
@@ -53,16 +54,17 @@ def _limbs(morphology: Morphology, naming: Naming, limb_names: str, canonical: M
     """Label, kind and name of each limb's element that would be called something else if it were alone."""
     body = "link" if morphology.format == "urdf" else "body"
     labels = limb_labels(morphology, naming, limb_names, canonical)
+    said = limb_words(morphology, naming, canonical)
     words = renumbered_limbs(morphology, canonical) if naming == "canonical" and limb_names == "body" else None
     for limb in morphology.limbs:
         label = labels[limb.name]
         by_joint = limb_names == "joint" and limb.joints and limb.parent is not None
-        if limb.name in words if words is not None else label != label_alone(limb, naming, limb_names):
+        if limb.name in words if words is not None else label != label_alone(limb, naming, limb_names, said):
             yield (label, "joint", limb.joints[0].name) if by_joint else (label, body, limb.name)
 
 
-def _sensors(morphology: Morphology, naming: Naming) -> Iterator[tuple[str, str]]:
-    alone, labels = sensor_labels(morphology, canonical=naming == "canonical")
+def _sensors(morphology: Morphology, said: Mapping[str, str] | None) -> Iterator[tuple[str, str]]:
+    alone, labels = sensor_labels(morphology, said)
     for sensor, own, label in zip(morphology.sensors, alone, labels, strict=True):
         if own != label:
             yield label, sensor.name

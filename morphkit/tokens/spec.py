@@ -21,6 +21,7 @@ from morphkit.tokens.names import (
     joint_labels,
     limb_labels,
     limb_scalars,
+    limb_words,
     numbered_controls,
 )
 from morphkit.tokens.origins import Named, given_names
@@ -155,7 +156,8 @@ def token_spec(
                 sensed.append((name, (*scalar[:1], *scalar[2:6], limit and -limit, limit)))
                 named.append((name, body, limb.name))
     if sensors != "limb":
-        for name, sensor, reading in declared_readings(morphology, canonical=naming == "canonical"):
+        words = limb_words(morphology, naming, canonical or {}) if naming == "canonical" else None
+        for name, sensor, reading in declared_readings(morphology, words):
             sensed.append((name, (sensor.limb, *astuple(reading))))
             named.append((name, "sensor", sensor.name))
     names = unique(name for name, _ in sensed)

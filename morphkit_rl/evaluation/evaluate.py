@@ -149,9 +149,8 @@ def _prepare(
 ) -> list[Robot]:
     saved = run_settings.read(Path(run))
     task, base = task or saved.get("task"), base or saved.get("base")
-    robots = [
-        run_settings.prepare_robot(policy.config, description, task=task, base=base) for description in descriptions
-    ]
+    named = [run_settings.with_names_of(saved, description) for description in descriptions]
+    robots = [run_settings.prepare_robot(policy.config, description, task=task, base=base) for description in named]
     for robot in robots:
         if not robot.spec.actuators:
             raise ConfigError(f"{robot.name}: has no actuators, so there is nothing to control")

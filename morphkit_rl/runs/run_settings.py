@@ -15,6 +15,8 @@ from typing import Any
 from morphkit.description import Description, RobotInfo
 from morphkit.errors import CheckpointError, ConfigError, UnknownNameError
 from morphkit.morphology import Base
+from morphkit.naming.limbs import canonical_limb_names
+from morphkit.readers import read as read_robot
 from morphkit.tokens.spec import TokenSpec
 from morphkit.utils.suggest import did_you_mean_or_list
 from morphkit_rl.config.train_config import TrainConfig
@@ -98,6 +100,8 @@ def split(
 def create(run: Path, settings: RunSettings) -> None:
     """Make the run folder and write `config.json` and the robots' files.
 
+    With canonical naming, `config.json` holds the robots' canonical names, so that they stay whatever later rules say.
+
     Raises:
         OutputError: The folder cannot be written or holds files.
     """
@@ -105,6 +109,9 @@ def create(run: Path, settings: RunSettings) -> None:
     (run / "robots").mkdir()
     for number, robot in enumerate((*settings.robots, *settings.validation)):
         (run / "robots" / _source_file(number, robot)).write_bytes(robot.source)
+    if settings.config.text.naming == "canonical":
+        robots, validation = (tuple(map(_with_names, part)) for part in (settings.robots, settings.validation))
+        settings = replace(settings, robots=robots, validation=validation)
     versions = {name: metadata.version(name) for name in PACKAGES}
     _write(run, settings, {"versions": versions, "git_commit": _git_commit()})
 
@@ -170,6 +177,15 @@ def prepare_robot(
     )
 
 
+def with_names_of(saved: Mapping[str, Any], description: Description) -> Description:
+    """A robot with the canonical names that it has in a run, whose `config.json` is `saved`, if it is a robot of it."""
+    for entry in (*saved["robots"], *saved.get("validation", ())):
+        if (entry["sha256"], entry["root"]) == (description.sha256, description.root):
+            info = replace(description.info, canonical=entry["info"]["canonical"] or description.info.canonical)
+            return replace(description, info=info)
+    return description
+
+
 def make_encoder(config: TrainConfig) -> TextEncoder:
     """The text encoder that `config` names."""
     pooling = None if config.text.pooling == "default" else config.text.pooling
@@ -193,6 +209,11 @@ def _write(run: Path, settings: RunSettings, about: Mapping[str, Any]) -> None:
         **about,
     }
     checkpoint.write_text(run / "config.json", json.dumps(values, indent=2) + "\n")
+
+
+def _with_names(robot: Description) -> Description:
+    names = canonical_limb_names(read_robot(robot), robot.info.canonical)
+    return replace(robot, info=replace(robot.info, canonical={**robot.info.canonical, **names}))
 
 
 def _source_file(number: int, robot: Description) -> str:

@@ -36,6 +36,10 @@ def robot(**limbs: tuple[str | None, tuple[float, float, float]]) -> tuple[Morph
         ("l_toe_l", "r_toe_l"),
         ("thigh_left", "thigh"),
         ("right_back_leg", "back_leg"),
+        ("gripper_left_left_finger", "gripper_right_right_finger"),
+        ("gripper_left_left_finger", "gripper_left_right_finger"),
+        ("l_gripper_l_finger", "r_gripper_r_finger"),
+        ("motor_front_rightR", "motor_front_leftR"),
     ],
 )
 def test_names_of_the_other_side(name, other):
@@ -67,6 +71,63 @@ def test_the_place_decides_where_names_agree():
     places["right_foot"] = np.array([0.3, -1.2, 0])  # a like leg, mounted turned
     assert "left_foot" not in counterparts(morphology, places)
     assert counterparts(morphology, places, strict=False)["left_foot"] == "right_foot"
+
+
+def test_a_sibling_by_name_goes_before_distance():
+    morphology, places = robot(
+        base=(None, (0, 0, 0)),
+        lift=("base", (0.3, 0.1, 0.2)),
+        arm=("lift", (0.6, 0.1, 0.2)),
+        gripper_finger_left=("arm", (0.7, 0.1, 0.23)),
+        gripper_finger_right=("arm", (0.7, 0.1, 0.16)),
+        left_tip=("gripper_finger_left", (0.9, 0.1, 0.23)),
+        right_tip=("gripper_finger_right", (0.8, 0.1, 0.16)),
+        **{f"{side}_wheel_{i}": ("base", (i, y, 0)) for i in range(3) for side, y in (("left", 0.2), ("right", -0.2))},
+        left_eye=("base", (0, 0.1, 0.9)),
+        right_eye=("base", (0, -0.1, 0.2)),
+        post=("base", (0, -0.1, 0.9)),
+    )
+    image = counterparts(morphology, places, strict=False)
+    assert image["gripper_finger_left"] == "gripper_finger_right"
+    assert image["left_tip"] == "right_tip"
+    assert image["left_eye"] == "right_eye"
+    assert not {"lift", "arm", "post"} & set(image)
+    strict = counterparts(morphology, places)
+    assert not {"gripper_finger_left", "left_tip"} & set(strict)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("left_ring_proximal", "left_index_proximal"),
+        ("l_ring_distal", "l_index_distal"),
+        ("ring_distal", "index_distal"),
+        ("thumb_tip", "pinky_tip"),
+        ("FL_wheel", "RL_wheel"),
+        ("front_mast", "rear_mast"),
+        ("left_hook", "left_lamp"),
+    ],
+)
+def test_limbs_that_say_the_same_side_or_other_fingers_are_no_images_of_each_other(one, other):
+    morphology, places = robot(base=(None, (0, 0, 0)), **{one: ("base", (0, 0.1, 0)), other: ("base", (0, -0.1, 0))})
+    for strict in (True, False):
+        assert counterparts(morphology, places, strict=strict) == {"base": "base"}
+
+
+def test_a_finger_of_a_left_hand_has_no_counterpart_on_it():
+    part = '<body name="left_{0}_proximal" pos="0 {1} 0"><joint/><geom size=".01"/></body>'
+    fingers = "".join(part.format(*each) for each in (("index", 0.03), ("middle", 0.01), ("ring", -0.03)))
+    source = f'<mujoco><worldbody><body name="palm"><geom size=".1"/>{fingers}</body></worldbody></mujoco>'
+    with pytest.raises(AblationError, match="'left_index_proximal' has no counterpart"):
+        ablate(Description("hand", "hand.xml", "mjcf", source.encode()), remove=["left_index_proximal"], mirror=True)
+
+
+def test_a_roll_axis_is_no_right_side():
+    part = '<body name="{0}" pos="0 {1} 0"><joint/><geom size=".01"/></body>'
+    limbs = "".join(part.format(*each) for each in (("waist_r", 0.3), ("tail", -0.01)))
+    source = f'<mujoco><worldbody><body name="base"><geom size=".1"/>{limbs}</body></worldbody></mujoco>'
+    variant = ablate(Description("r", "r.xml", "mjcf", source.encode()), remove=["waist_r"], mirror=True)
+    assert variant.removed == ("waist_r",)
 
 
 def test_the_place_proposes_where_names_say_nothing():

@@ -11,6 +11,7 @@ from morphkit.morphology import Joint, Limb, Morphology
 from morphkit.naming.limbs import canonical_joint_names, canonical_limb_names
 from morphkit.naming.patterns import limb_type, match_limbs
 from morphkit.naming.unique import unique
+from morphkit.naming.vocabulary import DIRECTIONS
 
 
 def robot(*limbs: Limb | str, type_words: tuple[tuple[str, ...], ...] = ()) -> Morphology:
@@ -54,10 +55,90 @@ def robot(*limbs: Limb | str, type_words: tuple[tuple[str, ...], ...] = ()) -> M
         ("hip_r_2", "hip r 2"),
         ("link3", "link 3"),
         ("pole", "pole"),
+        ("r_lfarm", "right lower arm"),
+        ("ltorso", "lower torso"),
+        ("utorso", "upper torso"),
+        ("rh_palm", "right hand palm"),
+        ("rh_forearm", "right lower arm"),
+        ("rh_thproximal", "right thumb proximal"),
+        ("rf_proximal", "ring finger proximal"),
+        ("rf_thigh", "front right thigh"),
+        ("lf_tip", "little finger tip"),
+        ("left_middle_distal", "left middle finger distal"),
+        ("left_index_middle", "left index finger middle"),
+        ("left_middle_middle", "left middle finger middle"),
+        ("finger_middle_link_1", "middle finger 1"),
+        ("left_middle_leg", "middle left leg"),
+        ("gripper_left_right_finger", "left gripper right finger"),
+        ("left_upperleg", "left thigh"),
+        ("right_upper_forearm", "right upper forearm"),
+        ("leftfinger", "left finger"),
+        ("bright", "bright"),
+        ("fr3_link1", "link 1"),
+        ("r2/left_wrist", "left wrist"),
+        ("r2_left_wrist", "left wrist"),
+        ("rh-l1/right_hand", "right l 1 hand"),
     ],
 )
 def test_plain_words(raw: str, plain: str) -> None:
     assert canonical_limb_names(robot("root_of_it", raw), {})[raw] == plain
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        *("link_l", "link_b", "waist_r", "torso_l", "base_f", "b_base", "head_r", "hip_r", "ankle_r", "shoulder_r"),
+        *("router", "louver", "flower", "blower", "rtorso", "bhead", "fneck", "lr_mate_link1", "fr3_hand", "rr_link"),
+        *("fl2_gripper", "l1_link", "arm_r1", "hr_base", "rl_arm_link", "waist_r_link", "lh_base", "ll_hip"),
+    ],
+)
+def test_a_code_without_a_counterpart_and_without_a_paired_part_says_no_side(raw: str) -> None:
+    plain = canonical_limb_names(robot("root_of_it", raw, "tail"), {})[raw]
+    assert not DIRECTIONS & set(plain.split())
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        {"link_l": "left link", "link_r": "right link"},
+        {"waist_r": "right waist", "waist_l": "left waist"},
+        {"ll_hr": "left leg hip", "lr_hr": "right leg hip", "ll_kfe": "left leg knee flexion"},
+        {"ll_hr": "left leg hip roll", "lr_hr": "right leg hip", "ll_hp": "left leg hip pitch"},
+        {"al1": "left arm 1", "ar1": "right arm 1"},
+        {"lr_leg": "back left leg", "rr_leg": "back right leg", "lf_leg": "front left leg"},
+        {"lh_x": "back left x", "rh_x": "back right x", "lf_x": "front left x", "rf_x": "front right x"},
+        {"lh_x": "left hand x", "rh_x": "right hand x"},
+        {"ff_a": "index finger a", "mf_a": "middle finger a", "rf_a": "ring finger a", "lf_a": "little finger a"},
+        {"fl_x": "front left x", "fr_x": "front right x"},
+        {"leg_f": "front leg", "leg_b": "back leg"},
+        {"leg_f": "front leg", "leg_r": "back leg"},
+        {"rotor_f": "front rotor", "rotor_b": "back rotor", "rotor_l": "left rotor", "rotor_r": "right rotor"},
+        {"arm_l_1": "left arm 1", "arm_r_1": "right arm 1"},
+        {"legl_hip1": "left leg hip 1", "legr_hip1": "right leg hip 1"},
+        {"lradius": "left radius", "rradius": "right radius"},
+        {"louter": "left outer", "router": "right outer"},
+        {"ltorso": "left torso", "rtorso": "right torso"},
+        {"r_uarm": "right upper arm", "r_larm": "right lower arm", "r_ufarm": "right upper forearm"},
+        {"r_ufarm": "right upper forearm", "r_lfarm": "right lower forearm"},
+        {"l_gripper_l_finger": "left gripper left finger", "l_gripper_r_finger": "left gripper right finger"},
+        {"hand_left_middle_abd": "left hand middle finger abd", "hand_left_index_abd": "left hand index finger abd"},
+        {"hand_a": "hand a", "hand_l": "hand l", "hand_r": "hand r", "hand_s": "hand s"},
+        {"hip_r": "hip r", "hip_p": "hip p", "hip_y": "hip y"},
+        {"L_1": "l 1", "L_2": "l 2"},
+        {"b_base": "b base", "b_1": "b 1", "b_2": "b 2"},
+        {"yumi_link_1_r": "right link 1", "yumi_link_1_l": "left link 1"},
+        {"fr3_link1": "link 1", "fr3_link2": "link 2", "fr3_hand": "hand"},
+        {"h1/left_knee": "left knee", "h1/right_knee": "right knee"},
+        {"b2_FL_hip": "front left hip", "b2_RR_hip": "back right hip"},
+        {"j2s6_link_1": "link 1", "j2s6_link_2": "link 2", "left_leg": "left leg"},
+        {"f1_tip": "f 1 tip", "f2_tip": "f 2 tip", "left_leg": "left leg"},
+        {"R_wrist": "right wrist", "R_th_l0": "right thumb l 0", "R_th_l1": "right thumb l 1",
+         "R_ff_l1": "right index finger l 1"},
+    ],
+)  # fmt: skip
+def test_plain_words_among_others(table: dict[str, str]) -> None:
+    names = canonical_limb_names(robot("root_of_it", *table), {})
+    assert {raw: names[raw] for raw in table} == table
 
 
 def test_a_word_that_every_limb_shares_is_left_out() -> None:
@@ -105,6 +186,15 @@ def test_joint_words_leave_out_what_the_limb_says() -> None:
     joints = tuple(Joint(f"right_hip_{axis}", "hinge", True, -1.0, 1.0) for axis in "xzy")
     limb = Limb("right_thigh", "pelvis", joints, ("right_thigh",))
     assert list(canonical_joint_names(limb, "right thigh").values()) == ["hip x", "hip z", "hip y"]
+
+
+def test_a_code_in_the_name_of_a_joint_counts_where_its_limb_says_the_same() -> None:
+    def names(limb_name: str) -> list[str]:
+        joints = tuple(Joint(name, "hinge", True, -1.0, 1.0) for name in ("j_l_1", "j_l_2"))
+        return list(canonical_joint_names(Limb("limb", "base", joints, ("limb",)), limb_name).values())
+
+    assert names("left foot") == ["j 1", "j 2"]
+    assert names("tail") == ["j l 1", "j l 2"]
 
 
 def test_joint_words_stay_whole_where_nothing_else_would_be_left() -> None:

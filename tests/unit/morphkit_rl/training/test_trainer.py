@@ -13,6 +13,7 @@ import pytest
 import torch
 
 from morphkit.errors import CheckpointError, ConfigError, OutputError, UnknownNameError
+from morphkit.naming.limbs import canonical_limb_names
 from morphkit.readers import read
 from morphkit.registry import load
 from morphkit.tokens.spec import token_spec
@@ -282,3 +283,25 @@ def test_a_checkpoint_of_the_same_moment_never_replaces_the_latest_in_place(run:
         names.append(checkpoint.load_state(run)[0].name)
         assert [path.name for path in (run / "checkpoints").iterdir() if path.is_dir()] == names[-1:]
     assert all(one != other for one, other in pairwise(names))
+
+
+def test_a_run_keeps_the_canonical_names_of_its_robots(
+    tmp_path: Path, config: TrainConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    named = load_config(overrides=[*_overrides(config), "text.naming=canonical"])
+    arm = load("arm")
+    train([arm], tmp_path / "run", named, steps=20)
+    saved = run_settings.load(tmp_path / "run").robots
+    assert saved[0].info.canonical == canonical_limb_names(read(arm), arm.info.canonical)
+    vocabulary = Policy.load(tmp_path / "run").vocabulary
+    assert vocabulary is not None
+
+    later = {limb.name: f"part {number}" for number, limb in enumerate(read(arm).limbs)}
+    monkeypatch.setattr("morphkit.tokens.names.canonical_limb_names", lambda morphology, given: later | dict(given))
+    assert token_spec(read(arm), naming="canonical").sensors[0].text == "part 0 position x"
+    assert resume(tmp_path / "run", steps=22).steps >= 22
+    seen: list[str] = []
+    act = Policy.act
+    monkeypatch.setattr(Policy, "act", lambda self, spec, obs: seen.extend(spec.texts) or act(self, spec, obs))
+    record(tmp_path / "run", arm, max_steps=2)
+    assert set(seen) == {text for text in vocabulary.texts if text in seen} != set()
