@@ -10,6 +10,7 @@ import numpy as np
 
 from morphkit.ablation.loss import Loss
 from morphkit.ablation.mjcf_cameras import cameras, renumber
+from morphkit.ablation.mjcf_derived import changed
 from morphkit.ablation.mjcf_keyframes import KeyframeLayout
 from morphkit.ablation.mjcf_references import Bones, Removed, collect, prune_references
 from morphkit.ablation.plan import Plan
@@ -66,7 +67,7 @@ def cut(
     lost += renumber(root, before)
     left = {id(element) for element in root.iter()}
     lost += layout.cut(root, [numbers[id(element)] for element in held if id(element) not in left])
-    return lost
+    return [*lost, *changed(root)] if plan.gone else lost
 
 
 def _splice(root: Any, group: list[Any]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from morphkit.ablation.loss import Loss
@@ -11,6 +11,7 @@ from morphkit.ablation.urdf_references import Removed, prune_references
 from morphkit.formats.edit import detach, lift
 from morphkit.formats.poses import Pose, identity, urdf_pose, write_urdf
 from morphkit.formats.urdf_names import Given, take_back
+from morphkit.readers.urdf import joints_with_motor
 from morphkit.readers.urdf_held import held_joints, rest_pose
 
 
@@ -50,6 +51,8 @@ def cut(root: Any, plan: Plan, given: Given) -> list[Loss]:
     """
     removed: Removed = {}
     lost: list[Loss] = []
+    names = joints_with_motor(root)
+    driven = [joint for joint in root.iterchildren("joint") if joint.get("name") in names]
     joint_of = {ends(joint)[1]: joint for joint in root.iterfind("joint")}
     for link, limb in plan.gone.items():
         removed[("link", link)] = limb
@@ -68,7 +71,18 @@ def cut(root: Any, plan: Plan, given: Given) -> list[Loss]:
             detach(element)
     take_back(given, root)
     lost += prune_references(root, _as_in_file(removed, given))
-    return lost
+    return [*lost, *_gained_motors(root, driven)]
+
+
+def _gained_motors(root: Any, driven: Collection[Any]) -> Iterator[Loss]:
+    """Say which joints have a motor now and had none before; those that were `driven` had one."""
+    names = joints_with_motor(root)
+    stated = next(root.iterchildren("transmission"), None) is not None
+    why = "a transmission names it" if stated else "without transmissions, each joint with an effort limit has one"
+    for joint in root.iterchildren("joint"):
+        name = joint.get("name", "")
+        if name in names and not any(joint is other for other in driven):
+            yield Loss("actuator", name, "", f"gained: joint {name} has a motor of its own now: {why}")
 
 
 def _as_in_file(removed: Removed, given: Given) -> Removed:

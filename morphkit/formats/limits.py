@@ -28,6 +28,8 @@ READINGS = 10_000
 """Readings of one declared sensor; one with more is taken for an image."""
 
 _NAMES = ("name", "link", "joint", "body", "class", "childclass", "mesh", "prefix")
+_LISTS = {"flex": ("body", "node"), "flexcomp": ("body", "node")}
+"""Attributes of names of bodies, of which a piece of cloth has hundreds; the limit holds for each name."""
 _COUNTS: Mapping[str, tuple[tuple[str, ...], ...]] = {
     "hfield": (("nrow", "ncol"),),
     "texture": (("width", "height"),),
@@ -52,10 +54,13 @@ def check_size(root: Any, *, file: str) -> None:
                 f"{file}:{element.sourceline}: <{element.tag}> has {len(element.attrib):,} attributes;"
                 f" the limit is {ATTRIBUTES:,}"
             )
-        for key in _NAMES:
-            if len(element.get(key, "")) > NAME_LENGTH:
+        lists = _LISTS.get(element.tag, ())
+        for key in (*_NAMES, *(key for key in lists if key not in _NAMES)):
+            value = element.get(key, "")
+            length = max(map(len, value.split()), default=0) if key in lists else len(value)
+            if length > NAME_LENGTH:
                 raise DescriptionError(
-                    f"{file}:{element.sourceline}: <{element.tag}> has a {key} of {len(element.get(key)):,} characters;"
+                    f"{file}:{element.sourceline}: <{element.tag}> has a {key} of {length:,} characters;"
                     f" the limit is {NAME_LENGTH:,}"
                 )
 

@@ -216,6 +216,21 @@ def _actuators(
     return tuple(found), origins
 
 
+def joints_with_motor(root: Any) -> set[str]:
+    """Names of the joints below a `<robot>` element that have a motor, by the rule of `read_urdf`."""
+    moving = {
+        joint.get("name", ""): joint
+        for joint in root.iterchildren("joint")
+        if joint.get("type") in _KINDS and joint.find("mimic") is None
+    }
+    there = {joint.get("name", "") for joint in root.iterchildren("joint")}
+    stated = {name for _, name, _ in _transmissions(root.getroottree())} & there
+    if stated:
+        return stated & set(moving)
+    efforts = {name: _stated(joint.find("limit"), "effort") for name, joint in moving.items()}
+    return {name for name, effort in efforts.items() if effort is not None and effort > 0}
+
+
 def _effort(joint: Any) -> float:
     """The joint's effort limit in N*m or N; 0 where it has none."""
     return max(float(joint.limit.effort or 0.0), 0.0) if joint.limit is not None else 0.0

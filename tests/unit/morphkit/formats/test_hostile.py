@@ -7,6 +7,7 @@ import os
 import time
 from pathlib import Path
 
+import mujoco
 import pytest
 
 from morphkit.conversion.convert import convert
@@ -60,6 +61,7 @@ def joint(number: int, parent: int, child: int) -> str:
         (BODY.format('<joint range="-inf 1e999"/>'), "", "too large"),
         ("<body>" * 10_000 + "</body>" * 10_000, "", "deeper than 256"),
         (f'<body name="{"a" * 2000}"/>', "", "name of 2,000 characters"),
+        (BODY.format(""), f'<deformable><flex name="f" body="{"a" * 2000}"/></deformable>', "body of 2,000 characters"),
         ("<body " + " ".join(f'a{i}=""' for i in range(100_000)) + "/>", "", "has 100,000 attributes"),
         (f'<body name="{"a" * 11_000_000}"/>', "", "more than 10 MB"),
     ],
@@ -70,6 +72,17 @@ def test_mjcf_that_asks_for_too_much(world: str, more: str, words: str) -> None:
     with pytest.raises(DescriptionError, match=words):
         read(mjcf(world, more))
     assert time.process_time() - start < 5
+
+
+def test_a_list_of_many_names_is_no_long_name() -> None:
+    names = [f"particle_of_a_piece_of_cloth_{i}" for i in range(100)]
+    bodies = "".join(
+        f'<body name="{name}" pos="0 0 {i}"><joint/><geom size=".1"/></body>' for i, name in enumerate(names)
+    )
+    flex = f'<deformable><flex name="f" dim="1" body="{" ".join(names)}" element="{" ".join(map(str, range(100)))}"/>'
+    cloth = mjcf(BODY.format(bodies), f"{flex}</deformable>")
+    assert len(read(cloth).limbs) == 101
+    assert mujoco.MjModel.from_xml_string(cloth.source.decode()).nflexvert == 100
 
 
 def test_a_file_of_many_gigabytes_is_not_read(tmp_path: Path) -> None:
