@@ -14,7 +14,10 @@ from morphkit.naming.limbs import canonical_limb_names
 
 SCHEMA_VERSION = 1
 
-Subject = Literal["robot", "limb", "joint", "actuator", "sensor token", "actuator token"]
+Subject = Literal[
+    "robot", "limb", "joint", "actuator", "sensor token", "actuator token",
+    "body", "site", "camera", "tendon", "equality", "sensor",
+]  # fmt: skip
 Kind = Literal["removed", "added", "renamed", "changed", "reordered"]
 
 
@@ -81,7 +84,8 @@ class Comparison:
 def compare(first: Description, second: Description, *, tolerance: float = 1e-6) -> Comparison:
     """Compare two robots by what they are: limbs, joints, actuators, masses and tokens.
 
-    Shapes, comments and the order of elements that have no tokens do not count.
+    Of two MJCFs also by every array of their compiled models, name by name; see `comparison.arrays`. Shapes, looks,
+    comments and the order of elements that have no tokens do not count.
 
     Args:
         first: A robot.
@@ -107,8 +111,35 @@ def compare(first: Description, second: Description, *, tolerance: float = 1e-6)
         *differ.table("actuator", a.actuators, b.actuators, actuators),
         *differ.table("sensor token", a.sensor_tokens, b.sensor_tokens, sensors),
         *differ.table("actuator token", a.actuator_tokens, b.actuator_tokens, controls),
+        *_elements(differ, a, b, {**limbs, **joints, **actuators}),
     ]
     return Comparison(a, b, limbs, tuple(changes))
+
+
+def _elements(differ: _Differ, a: Facts, b: Facts, names: Mapping[str, str]) -> Iterator[Change]:
+    """What changed in bodies, sites and the rest of an MJCF; `names` leads from names of the first to the second's.
+
+    That a body or sensor came or went is said by limbs and tokens.
+    """
+
+    def renamed(value: Value) -> Value:
+        if isinstance(value, tuple):
+            return tuple(names.get(each, each) if isinstance(each, str) else each for each in value)  # type: ignore[return-value]
+        return names.get(value, value) if isinstance(value, str) else value
+
+    for kind in (kind for kind in a.elements if kind in b.elements):
+        first, second = a.elements[kind], b.elements[kind]
+        # What has no name is called after what it refers to.
+        called = {name: " ".join(names.get(word, word) for word in name.split(" ")) for name in first}
+        pairs = {name: new for name in first if (new := names.get(name, called[name])) in second}
+        if kind in ("body", "sensor"):
+            first = {name: first[name] for name in pairs}
+            second = {name: second[name] for name in pairs.values()}
+        told = {
+            name: {fact: value if fact == "limb" else renamed(value) for fact, value in row.items()}
+            for name, row in first.items()
+        }
+        yield from (c for c in differ.table(kind, told, second, pairs) if c.kind not in ("renamed", "reordered"))  # type: ignore[arg-type]
 
 
 def _places(

@@ -10,6 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from morphkit.comparison import arrays
 from morphkit.description import Description
 from morphkit.morphology import Actuator, Morphology
 from morphkit.simulation.inspection_model import JOINT_KINDS, Mechanics, couplings, load_mechanics
@@ -50,6 +51,8 @@ class Facts:
         actuators: What every actuator drives and within which bounds.
         sensor_tokens: Every sensor token in order, those of the declared sensors last.
         actuator_tokens: Every actuator token, in order.
+        elements: Of an MJCF, what the arrays of the compiled model hold of bodies, sites, cameras, tendons, equalities
+            and sensors: kind -> table.
         mass: Mass of the robot, kg; None where that of a limb is not known.
         notes: One sentence for each thing in the files that could not be used.
     """
@@ -61,6 +64,7 @@ class Facts:
     actuators: Table
     sensor_tokens: Table
     actuator_tokens: Table
+    elements: dict[str, Table]
     mass: float | None
     notes: tuple[str, ...]
 
@@ -84,14 +88,24 @@ def gather_facts(description: Description) -> Facts:
     if mechanics.states_dynamics:
         robot["start height"] = float(mechanics.model.body_pos[mechanics.root, 2])
     spec = token_spec(morphology, sensors="all")
+    joints = _joints(mechanics)
+    actuators = {actuator.name: _actuator(mechanics, actuator) for actuator in morphology.actuators}
+    elements: dict[str, Table] = {}
+    if mechanics.states_dynamics:
+        robot |= arrays.options(mechanics.model)
+        elements = arrays.rows(mechanics)
+        for table, rows in ((joints, elements.pop("joint")), (actuators, elements.pop("actuator"))):
+            for name in table.keys() & rows.keys():
+                table[name] = {**rows[name], **table[name]}
     return Facts(
         morphology=morphology,
         robot={"": robot},
         limbs=limbs,
-        joints=_joints(mechanics),
-        actuators={actuator.name: _actuator(mechanics, actuator) for actuator in morphology.actuators},
+        joints=joints,
+        actuators=actuators,
         sensor_tokens=_sensor_tokens(spec),
         actuator_tokens=_actuator_tokens(spec),
+        elements=elements,
         mass=sum(known) if len(known) == len(masses) else None,
         notes=mechanics.notes,
     )

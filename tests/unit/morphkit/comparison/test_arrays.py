@@ -1,0 +1,103 @@
+"""`diff` sees every array of the compiled models, by name."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from morphkit.ablation.ablate import ablate
+from morphkit.comparison import arrays
+from morphkit.comparison.compare import Comparison, compare
+from morphkit.description import Description
+from morphkit.readers import read
+from morphkit.registry import load, shipped
+
+WORLD = """<body name="torso"><freejoint/><geom size=".2"/><site name="one"/>
+  <body name="leg" pos=".5 0 0"{body}><joint name="hip" axis="0 1 0"{joint}/><geom size=".15"/>
+    <site name="two" pos="0 0 {height}"/><body name="pad" pos="0 {pad} 0"><geom size=".1"/></body></body></body>"""
+POSITION = '<actuator><position name="motor" joint="hip" kp="9"{0}/></actuator>'
+TENDON = '<tendon><spatial{0}><site site="one"/><site site="two"/></spatial></tendon>'
+WELD = '<equality><weld body1="leg" body2="torso"{0}/></equality>'
+GYRO = '<sensor><gyro name="gyro" site="one"{0}/></sensor>'
+
+
+def robot(option: str = "", *, more: str = "", height: str = ".1", pad: str = ".3", **places: str) -> Description:
+    world = WORLD.format(body=places.get("body", ""), joint=places.get("joint", ""), height=height, pad=pad)
+    return Description("r", "r.xml", "mjcf", f"<mujoco>{option}<worldbody>{world}</worldbody>{more}</mujoco>".encode())
+
+
+def told(comparison: Comparison) -> set[tuple[str, str, str, str | None]]:
+    return {(change.subject, change.kind, change.name, change.fact) for change in comparison.changes}
+
+
+def changed(subject: str, name: str, *facts: str) -> set[tuple[str, str, str, str | None]]:
+    return {(subject, "changed", name, fact) for fact in facts}
+
+
+@pytest.mark.parametrize(
+    ("second", "expected"),
+    [
+        (robot(joint=' ref="10"'), changed("joint", "hip", "qpos0")),
+        (robot(joint=' springref="10"'), changed("joint", "hip", "qpos_spring")),
+        (robot(joint=' damping="0 2"'), changed("joint", "hip", "dof_dampingpoly")),
+        (robot(joint=' stiffness="0 2"'), changed("joint", "hip", "jnt_stiffnesspoly")),
+        (robot(joint=' actuatorfrcrange="-1 1"'), changed("joint", "hip", "jnt_actfrcrange", "jnt_actfrclimited")),
+        (robot(joint=' solreflimit=".1 1"'), changed("joint", "hip", "jnt_solref")),
+        (robot(body=' gravcomp="1"'), changed("body", "leg", "body_gravcomp")),
+        (robot(height=".2"), changed("site", "two", "site_pos")),
+        (robot(pad=".2"), changed("body", "pad", "body_pos") | changed("limb", "leg", "center of mass", "inertia")),
+        (robot('<option gravity="0 0 -1" timestep=".001"/>'), changed("robot", "", "gravity", "timestep")),
+        (robot(more=TENDON.format(' name="t"')), {("tendon", "added", "t", None)}),
+        (robot(more=WELD.format("")), {("equality", "added", "of leg and torso", None)}),
+    ],
+)
+def test_what_changes_is_found(second: Description, expected: set[tuple[str, str, str, str | None]]) -> None:
+    assert told(compare(robot(), second)) == expected
+
+
+@pytest.mark.parametrize(
+    ("part", "change", "expected"),
+    [
+        (POSITION, ' delay=".1" nsample="60"', changed("actuator", "motor", "actuator_delay")),
+        (POSITION, ' damping="2"', changed("actuator", "motor", "actuator_damping")),
+        (POSITION, ' armature="2"', changed("actuator", "motor", "actuator_armature")),
+        (TENDON, ' stiffness="2"', changed("tendon", "along one two", "tendon_stiffness")),
+        (TENDON, ' limited="true" range="0 2"', changed("tendon", "along one two", "tendon_range", "tendon_limited")),
+        (WELD, ' solref=".1 1"', changed("equality", "of leg and torso", "eq_solref")),
+        (WELD, ' active="false"', changed("equality", "of leg and torso", "eq_active0")),
+        (GYRO, ' noise="2"', changed("sensor", "gyro", "sensor_noise")),
+    ],
+)
+def test_what_changes_in_a_part_is_found(
+    part: str, change: str, expected: set[tuple[str, str, str, str | None]]
+) -> None:
+    assert told(compare(robot(more=part.format("")), robot(more=part.format(change)))) == expected
+
+
+def test_no_array_is_left_out_unless_a_reason_says_so() -> None:
+    model = mujoco.MjModel.from_xml_string(robot().source.decode())
+    names = {name for name in dir(model) if isinstance(getattr(model, name), np.ndarray)} - {"_sizes"}
+    of_elements = {name for name in names if name.partition("_")[0] not in arrays.OTHER_PREFIXES}
+    assert {name for name in of_elements if arrays.is_compared(name)} >= {
+        *("body_gravcomp", "jnt_actfrcrange", "jnt_stiffnesspoly", "dof_dampingpoly", "qpos0", "qpos_spring"),
+        *("actuator_delay", "actuator_armature", "tendon_damping", "eq_data", "sensor_noise", "cam_fovy", "site_quat"),
+    }
+    assert arrays.is_compared("dof_something_new")
+    assert names >= arrays.ELSEWHERE
+
+
+def test_renamed_limbs_and_joints_change_no_array() -> None:
+    parts = POSITION.format("") + TENDON.format("") + WELD.format("")
+    first = robot(more=parts)
+    source = first.source.decode().replace('"leg"', '"shank"').replace('"hip"', '"hinge"')
+    comparison = compare(first, Description("r", "r.xml", "mjcf", source.encode()))
+    assert {change.kind for change in comparison.changes} == {"renamed"}
+
+
+@pytest.mark.parametrize("name", [d.name for d in shipped() if d.format == "mjcf"])
+def test_a_cut_changes_no_array_of_what_is_left(name: str) -> None:
+    whole = load(name)
+    variant = ablate(whole, remove=[read(whole).limbs[-1].name]).description
+    kinds = {(change.subject, change.kind) for change in compare(whole, variant).changes if change.kind == "changed"}
+    assert not {subject for subject, _ in kinds} & {"body", "site", "camera", "tendon", "equality", "sensor"}
