@@ -18,10 +18,14 @@ from typing import Any
 
 import numpy as np
 
+from morphkit.formats.limits import MESH_BYTES
 from morphkit.validation.meshes import MeshFacts
 
 LIMIT_S = 120
-LIMIT_BYTES = 8 * 1024**3
+BYTES_A_SECOND = 2**20
+"""What a child reads of meshes at least, on a busy machine; it gets that much longer for them."""
+LIMIT_BYTES = 32 * MESH_BYTES
+"""Memory of a child: what the largest mesh that is read takes, with its hull."""
 
 
 @dataclass
@@ -59,12 +63,12 @@ def probe(
     request = json.dumps({"meshes": wanted, "model": model, "robot": robot}).encode()
     command = [sys.executable, "-m", "morphkit.validation.sandbox"]
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    reason = ""
+    reason, seconds = "", seconds_for(meshes)
     try:
         # An empty folder: Python would import what lies where it works, and MuJoCo writes a log there.
         with tempfile.TemporaryDirectory() as empty:
             done = subprocess.run(
-                command, input=request, capture_output=True, timeout=LIMIT_S, env=environment, cwd=empty, check=False
+                command, input=request, capture_output=True, timeout=seconds, env=environment, cwd=empty, check=False
             )
         output = done.stdout
         if done.returncode < 0:
@@ -72,13 +76,19 @@ def probe(
         elif done.returncode:
             reason = (done.stderr.decode(errors="replace").strip().splitlines() or ["no message"])[-1][:200]
     except subprocess.TimeoutExpired as error:
-        output, reason = error.stdout or b"", f"no answer within {LIMIT_S} s"
+        output, reason = error.stdout or b"", f"no answer within {seconds:.0f} s"
     for line in output.decode(errors="replace").splitlines():
         _take(answer, line)
     if reason:
         finished = len(answer.meshes) + (answer.model is not None) + (answer.refused is not None)
         answer.died = f"{tasks[min(finished, len(tasks) - 1)]}: {reason}"
     return answer
+
+
+def seconds_for(meshes: Sequence[Path]) -> float:
+    """How long a child may take for the mesh files, s; each counts once, those that are too large to be read do not."""
+    sizes = [path.stat().st_size for path in set(meshes) if path.is_file()]
+    return LIMIT_S + sum(size for size in sizes if size <= MESH_BYTES) / BYTES_A_SECOND
 
 
 def _take(answer: Answer, line: str) -> None:
