@@ -139,12 +139,13 @@ def ablate(
     elif not quiet:
         written = f"{common.count(tally.made, 'variant')} and {manifest.name}"
         sys.stdout.write(f"{tally.text()}\nwritten: {folder}/ ({written})\n")
-    for note in notes if not quiet else ():
-        typer.echo(f"note: {note}", err=True)
     for each in tally.failed:
         typer.echo(f"failed: {each.name}: {each.reason}", err=True)
-    if tally.failed:
-        raise typer.Exit(1)
+    problems = [*notes, *(_refused(manifest, jobs) if check and not notes else ())]
+    for problem in problems:
+        common.complain(problem)
+    if problems or tally.failed:
+        raise typer.Exit(2 if problems else 1)
 
 
 def _check_usage(
@@ -200,6 +201,19 @@ def _one(source: Description, variant: Variant, check: bool, notes: list[str]) -
         notes.append(f"{NOT_COMPILED}: {problem}")
         result = variant
     yield result
+
+
+def _refused(manifest: Path, jobs: int) -> Iterator[str]:
+    """What MuJoCo says of the written MJCF files that it cannot load where they lie, such as for want of a mesh."""
+    from morphkit.families import build
+    from morphkit.families.manifest import read_manifest
+
+    family = read_manifest(manifest, check_files=False)
+    missing = any(loss.kind == "asset" for variant in family.variants for loss in variant.lost)
+    if family.source_format == "mjcf" and (family.assets or family.references or missing):
+        files = (manifest.parent / variant.file for variant in family.variants)
+        for path, reason in build.load_problems(files, jobs=jobs):
+            yield f"{path} was written, but MuJoCo cannot load it: {reason}"
 
 
 def _show_plan(cutter: Cutter, variants: Iterator[Made], tally: report.Tally, *, as_json: bool, quiet: bool) -> None:

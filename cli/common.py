@@ -61,6 +61,12 @@ class UsageError(typer.BadParameter):
         return self.message
 
 
+def complain(message: str) -> None:
+    """Print an error on stderr."""
+    typer.secho("error:", fg="red", bold=True, nl=False, err=True)
+    typer.echo(f" {message}", err=True)
+
+
 def print_json(value: Any) -> None:
     """Print `value` on stdout as JSON, with two spaces of indentation; infinite and undefined numbers become null."""
     sys.stdout.write(json.dumps(_finite(value), indent=2, allow_nan=False) + "\n")

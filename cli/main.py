@@ -21,6 +21,7 @@ from . import (
     benchmark_random,
     benchmark_run,
     check,
+    common,
     convert,
     diff,
     evaluate,
@@ -88,18 +89,13 @@ _register("status", benchmark.status, benchmark.STATUS_EXAMPLES, to=_benchmark)
 _register("report", benchmark.report, benchmark.REPORT_EXAMPLES, to=_benchmark)
 
 
-def _complain(message: str) -> None:
-    typer.secho("error:", fg="red", bold=True, nl=False, err=True)
-    typer.echo(f" {message}", err=True)
-
-
 def _usage_error(error: Exception) -> int:
     """Report what Typer found wrong with the arguments; anything else is raised again."""
     describe = getattr(error, "format_message", None)
     if describe is None:
         raise error
     # Typer hands on the words of its validator, which name Python's exception.
-    _complain(describe().replace("Value error, ", ""))
+    common.complain(describe().replace("Value error, ", ""))
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "morphkit"
     typer.echo(f"Try '{command} --help'.", err=True)
@@ -148,19 +144,19 @@ def _run(arguments: Sequence[str] | None) -> int:
         _drop_stdout()
         return 0
     except MorphkitError as error:
-        _complain(str(error))
+        common.complain(str(error))
         return 1 if isinstance(error, TrainingError) else 2
     except OSError as error:
         _drop_stdout()
         where = f"{error.filename}: " if error.filename else ""
-        _complain(f"{where}{error.strerror or error}")
+        common.complain(f"{where}{error.strerror or error}")
         return 2
     except UnicodeEncodeError as error:
         around = error.object[max(0, error.start - 60) : error.end + 20]
-        _complain(f"{ascii(around)[1:-1]}: is no UTF-8 text; choose another name")
+        common.complain(f"{ascii(around)[1:-1]}: is no UTF-8 text; choose another name")
         return 2
     except MemoryError as error:
-        _complain(f"not enough memory: {error}" if str(error) else "not enough memory")
+        common.complain(f"not enough memory: {error}" if str(error) else "not enough memory")
         return 2
     except Exception as error:
         return _usage_error(error)

@@ -25,7 +25,7 @@ from morphkit.formats.assets import mentions
 from morphkit.formats.document import Document, document_of
 from morphkit.formats.mjcf_include import flattened
 from morphkit.formats.mjcf_names import name_elements
-from morphkit.formats.mjcf_schema import EXPANDERS, FILE_FOLDERS, drop_file_settings, file_folder
+from morphkit.formats.mjcf_schema import EXPANDERS, drop_file_settings
 from morphkit.formats.resolve import locate
 from morphkit.formats.skin import bone_names
 from morphkit.formats.source import Source
@@ -158,12 +158,10 @@ def _reachable(file: MjcfFile, wanted: Sequence[str]) -> bool:
 def _bones(root: Any, description: Description) -> Bones:
     """The bodies that each skin file names; a file that cannot be read names none."""
     bones = {}
-    for skin in root.iter("skin"):
-        file = skin.get("file")
-        if file is not None:
+    for each in mentions(root):
+        if each.element.tag == "skin":
             try:
-                path = locate(posixpath.join(file_folder(root, FILE_FOLDERS["skin"]), file), description)
-                bones[file] = bone_names(read_limited(path))
+                bones[each.element.get("file")] = bone_names(read_limited(locate(each.reference, description)))
             except (OSError, DescriptionError):
                 continue
     return bones

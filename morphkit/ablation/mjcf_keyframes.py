@@ -15,7 +15,7 @@ from morphkit.ablation.loss import Loss
 from morphkit.description import Description
 from morphkit.errors import AssetError
 from morphkit.formats.edit import detach, detach_emptied
-from morphkit.formats.resolve import locate
+from morphkit.formats.mjcf_attach import prepare_parse
 
 _MESH_TYPES = ("mesh", "hfield", "sdf")
 _USES_OF_GEOMS = ("spatial", "composite", "flexcomp")
@@ -46,11 +46,12 @@ class KeyframeLayout:
                 self._names[number] = kind, twin.get("name")
         _strip(skeleton)
         try:
-            for part in skeleton.iterfind("asset/model[@file]"):
-                part.set("file", str(locate(part.get("file"), description)))
+            files = prepare_parse(etree.ElementTree(skeleton), description)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # they are about the robot, not about its layout
-                self._model = mujoco.MjSpec.from_string(etree.tostring(skeleton, encoding="unicode")).compile()
+                self._model = mujoco.MjSpec.from_string(
+                    etree.tostring(skeleton, encoding="unicode"), include=files
+                ).compile()
         except (ValueError, RuntimeError, AssetError):
             self._model = None
 

@@ -12,7 +12,7 @@ from lxml import etree
 
 from morphkit.ablation.loss import Loss
 from morphkit.description import Description
-from morphkit.formats.mjcf_attach import attach_models
+from morphkit.formats.mjcf_attach import prepare_parse
 from morphkit.formats.mjcf_names import name_elements
 
 Given = list[tuple[Any, str | None]]
@@ -83,7 +83,7 @@ def keep_names(root: Any, description: Description, before: Given, *, spliced: b
 
 def parse_tree(tree: Any, description: Description) -> mujoco.MjSpec:
     """What MuJoCo makes of a tree, includes flattened, with the models that it attaches."""
-    models = attach_models(tree, description)
+    models = prepare_parse(tree, description)
     return mujoco.MjSpec.from_string(etree.tostring(tree.getroot(), encoding="unicode"), include=models)
 
 

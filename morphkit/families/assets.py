@@ -7,17 +7,19 @@ import os
 import shutil
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
 from morphkit.ablation.loss import Loss
 from morphkit.description import Description
 from morphkit.errors import MorphkitError
-from morphkit.formats.assets import Asset, Mention, find_asset, mentions, place_of
+from morphkit.formats.assets import Asset, Mention, find_asset, mentions, place_of, take_names_as_written
 from morphkit.formats.document import document_of
 from morphkit.formats.mjcf_attach import files_of_model
 from morphkit.formats.mjcf_schema import NAMED_BY_FILE, drop_file_settings
 from morphkit.formats.packages import split_reference
+from morphkit.formats.resolve import locate
 from morphkit.formats.source import Source
 
 AssetMode = Literal["copy", "reference"]
@@ -47,7 +49,8 @@ class Packer:
         Returns:
             The bytes of the description as it has to be written; what is missing and what was rewritten.
         """
-        named = list(mentions(document_of(description).root))
+        find = partial(locate, description=description)
+        named = list(mentions(document_of(description).root, find))
         found = {each.reference: find_asset(each.reference, description) for each in named}
         lost = [Loss("asset", name, "", asset.problem) for name, asset in found.items() if asset.path is None]
         target: Callable[[Asset], str] = self._reference if self._mode == "reference" else self._copy
@@ -61,7 +64,7 @@ class Packer:
         if all(each.reference not in targets or _right(each, targets, in_place) for each in named):
             return description.source, lost
         source = Source(document_of(description))
-        rewritten = list(_rewrite(source.root, targets, in_place=in_place))
+        rewritten = list(_rewrite(source.root, targets, find, in_place=in_place))
         return source.render(), [*lost, *(rewritten if in_place else [])]
 
     def _pack_parts(self, model: Path, place: PurePosixPath, description: Description) -> Iterator[Loss]:
@@ -110,16 +113,15 @@ class Packer:
         return place.as_posix()
 
 
-def _rewrite(root: Any, targets: dict[str, str], *, in_place: bool) -> Iterator[Loss]:
+def _rewrite(root: Any, targets: dict[str, str], find: Callable[[str], Path], *, in_place: bool) -> Iterator[Loss]:
     """Write `targets`, by reference, into the file's attributes wherever they are not what is there already."""
-    wrong = [each for each in mentions(root) if each.reference in targets and not _right(each, targets, in_place)]
-    if root.tag == "mujoco":
-        # Names below a folder cannot lead out of it where it does not exist: all names are written out, without one.
-        wrong = [each for each in mentions(root) if each.reference in targets or each.folder]
-        drop_file_settings(root)
-    for each in wrong:
-        target = targets.get(each.reference, each.reference)
-        if each.element.get(each.attribute) != target:
+    named = list(mentions(root, find))
+    # Names below a folder that a file sets cannot lead out of it: all are written out, without one.
+    settled = drop_file_settings(root) if root.tag == "mujoco" else take_names_as_written(root)
+    for each in named:
+        right = each.reference not in targets or _right(each, targets, in_place)
+        target = each.reference if right else targets[each.reference]
+        if each.element.get(each.attribute) != target and (settled or not right):
             yield Loss("asset", each.reference, "", f"is written as {target}")
             _keep_name(each.element, target)
             each.element.set(each.attribute, target)

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 from morphkit.ablation.ablate import Cutter, Variant
 from morphkit.description import Description, RobotInfo
+from morphkit.errors import DescriptionError
 from morphkit.families.enumeration import Planned
 from morphkit.utils import worker_pool
 
@@ -87,6 +89,13 @@ def compile_problem(description: Description) -> str:
     return result.reason if isinstance(result, worker_pool.Failure) else ""
 
 
+def load_problems(files: Iterable[Path], *, jobs: int = 1) -> Iterator[tuple[Path, str]]:
+    """Yield each MJCF file on disk that MuJoCo alone cannot load, and why, or how it crashed doing so."""
+    for path, result in worker_pool.run(_loading, files, jobs=jobs):
+        if isinstance(result, worker_pool.Failure):
+            yield path, result.reason
+
+
 class _Passing:
     """Takes what is left out from between what is made, and puts it back in its place afterwards."""
 
@@ -140,3 +149,15 @@ def _compiling() -> Callable[[Description], None]:
         compile_plain(description)
 
     return compile_one
+
+
+def _loading() -> Callable[[Path], None]:
+    import mujoco
+
+    def load_one(path: Path) -> None:
+        try:
+            mujoco.MjModel.from_xml_path(str(path.absolute()))
+        except ValueError as error:
+            raise DescriptionError(" ".join(str(error).removeprefix("Error: ").split())) from None
+
+    return load_one

@@ -6,7 +6,9 @@ MuJoCo allocates what a few attributes ask for, and its parser and compiler foll
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from morphkit.errors import DescriptionError
@@ -40,6 +42,8 @@ _COUNTS: Mapping[str, tuple[tuple[str, ...], ...]] = {
     "size": tuple((key,) for key in ("nuserdata", "nkey", "njmax", "nconmax", "nstack")),
 }
 _NUSER = "nuser_"
+_FEW_NODES = ("trilinear", "quadratic")
+_GMSH_NODES = re.compile(rb"\$Nodes\s+(\d[\d ]{,100})")
 
 
 def check_size(root: Any, *, file: str) -> None:
@@ -121,6 +125,33 @@ def check_mjcf(root: Any, *, file: str) -> None:
                 raise DescriptionError(
                     f"{file}:{element.sourceline}: <{element.tag} {shown}> asks for more than {NUMBERS:,} numbers"
                 )
+
+
+def check_flexcomp(flexcomp: Any, content: bytes, path: Path, *, where: str) -> None:
+    """Refuse a flexcomp whose shape has so many vertices that it makes more than 20,000 bodies; DescriptionError.
+
+    Args:
+        flexcomp: The element.
+        content: The bytes of its file.
+        path: The file.
+        where: The place of the element, for the message.
+    """
+    if flexcomp.get("rigid") == "true" or flexcomp.get("dof") in _FEW_NODES:
+        return
+    made = _vertices(content, path) * math.prod(_replicas(flexcomp.iterancestors("replicate")))
+    if made > BODIES:
+        raise DescriptionError(f"{where}: a flexcomp of {path.name} makes {made:,} bodies; the limit is {BODIES:,}")
+
+
+def _vertices(content: bytes, path: Path) -> int:
+    """How many vertices a mesh file has at most; 0 for what is none, which MuJoCo refuses."""
+    if path.suffix.lower() == ".stl":
+        return 3 * int.from_bytes(content[80:84], "little")
+    if path.suffix.lower() == ".msh":
+        nodes = _GMSH_NODES.search(content)
+        # Of Gmsh, else of MuJoCo's own format.
+        return max(map(int, nodes[1].split()), default=0) if nodes else int.from_bytes(content[:4], "little")
+    return content.count(b"\nv ") + content.startswith(b"v ")
 
 
 def abridged(names: Sequence[str], most: int = 50) -> str:

@@ -1,7 +1,7 @@
-"""The models that an MJCF file attaches: read and checked here, and handed to MuJoCo with every path written out.
+"""What MuJoCo reads while it parses an MJCF: the models that it attaches and the shapes of flexcomps.
 
-MuJoCo would open them itself while it parses, follow without end those that attach each other, and forget which folder
-the files of each start in.
+They are read and checked here, and handed over with every path written out. MuJoCo would open whatever is named, follow
+without end models that attach each other, and forget which folder the files of each start in.
 """
 
 from __future__ import annotations
@@ -10,39 +10,44 @@ import os
 import posixpath
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from lxml import etree
 
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
-from morphkit.formats.assets import Asset, find_asset, mentions, place_of
+from morphkit.formats.assets import Asset, find_asset, mentions, place_of, take_names_as_written, write_out_names
 from morphkit.formats.document import Document, document_of
-from morphkit.formats.limits import check_mjcf
+from morphkit.formats.limits import check_flexcomp, check_mjcf
 from morphkit.formats.mjcf_include import flattened
 from morphkit.formats.mjcf_locations import Places
-from morphkit.formats.mjcf_schema import drop_file_settings
+from morphkit.formats.mjcf_schema import reads_file
 from morphkit.formats.resolve import locate
+from morphkit.formats.xml import read_limited
 
 
-def attach_models(tree: etree._ElementTree, description: Description, places: Places | None = None) -> dict[str, bytes]:
-    """Take the place of MuJoCo in opening the models that a model attaches, and that those attach.
+def prepare_parse(tree: etree._ElementTree, description: Description, places: Places | None = None) -> dict[str, bytes]:
+    """Make a model ready for `MjSpec.from_string`: read what MuJoCo would open, and write out where all files are.
 
     Args:
-        tree: The parsed model, includes flattened. Its references to models are renamed, in place, to the keys of the
-            result.
+        tree: The parsed model, includes flattened. In place, its files get their names as seen from the description's
+            folder, and models and flexcomps the keys of the result.
         description: Its description.
-        places: Receives where the elements of those models are.
+        places: Receives where the elements of attached models are.
 
     Returns:
-        The models for `MjSpec.from_string(..., include=...)`: includes flattened, and each mesh, texture, height field
-        and skin called by its whole path, as the folder and the compiler settings of its own model have it.
+        The files for `MjSpec.from_string(..., include=...)`. Models have their includes flattened, and each mesh,
+        texture, height field and skin called by its whole path, as the folder and the compiler settings of its own
+        model have it.
 
     Raises:
-        AssetError: One of them, or a file that it includes, is missing or may not be read.
-        DescriptionError: One is no MJCF, breaks a limit, or attaches itself: MuJoCo would not survive that.
+        AssetError: A model or the shape of a flexcomp, or a file that it includes, is missing or may not be read.
+        DescriptionError: A model is no MJCF, breaks a limit, or attaches itself: MuJoCo would not survive that. A
+            flexcomp makes too many bodies.
     """
     models: dict[str, bytes] = {}
+    write_out_names(tree.getroot())
     _follow(tree, description, document_of(description), (), models, places)
     return models
 
@@ -55,6 +60,7 @@ def _follow(
     models: dict[str, bytes],
     places: Places | None,
 ) -> None:
+    _read_flexcomps(tree.getroot(), description, models)
     for model in tree.iterfind("asset/model[@file]"):
         where = f"{description.file}:{model.sourceline}"
         try:
@@ -72,10 +78,11 @@ def _follow(
             read = places.own if places is not None else None
             part = flattened(attached, path.parent, file=path.name, packages=nested.packages, read=read)
             check_mjcf(part.getroot(), file=path.name)
+            write_out_names(part.getroot())
             _follow(part, nested, attached, (*above, path), models, places)
         else:
             part = attached.copy()
-        _write_out_paths(part.getroot(), nested)
+        _write_whole_paths(part.getroot(), nested)
         name = f"{len(models)}_{path.name}"
         text = etree.tostring(part.getroot(), encoding="unicode")
         models[name] = text.encode()
@@ -110,7 +117,7 @@ def files_of_model(path: Path, description: Description, *, above: tuple[Path, .
     for file in included:
         reference = Path(os.path.relpath(file, path.parent.resolve())).as_posix()
         yield Asset(reference, place_of(reference), file)
-    for each in mentions(tree.getroot()):
+    for each in mentions(tree.getroot(), partial(locate, description=part)):
         asset = find_asset(each.reference, part)
         yield asset
         if each.element.tag == "model" and asset.path is not None and asset.path not in above:
@@ -139,21 +146,38 @@ def readable(description: Description) -> dict[str, Path]:
     return {**own, **description.packages}
 
 
-def _write_out_paths(root: etree._Element, part: Description) -> None:
-    assert part.folder is not None
-    for each in list(mentions(root)):
-        if each.element.tag == "model":
+def _read_flexcomps(root: etree._Element, description: Description, files: dict[str, bytes]) -> None:
+    for flexcomp in root.iter("flexcomp"):
+        name = flexcomp.get("file")
+        if not name or not reads_file(flexcomp):
             continue
-        name = str(each.element.get(each.attribute))
+        where = f"{description.file}:{flexcomp.sourceline}"
+        try:
+            path = locate(name, description)
+            content = read_limited(path)
+        except AssetError as error:
+            raise AssetError(f"{where}: {error}") from None
+        except OSError as error:
+            raise AssetError(f"{where}: {path} cannot be read: {error.strerror}") from None
+        check_flexcomp(flexcomp, content, path, where=where)
+        key = f"{len(files)}_{path.name}"
+        files[key] = content
+        flexcomp.set("file", key)
+
+
+def _write_whole_paths(root: etree._Element, part: Description) -> None:
+    """Call the files of an attached model by their whole paths, but those that are handed over."""
+    assert part.folder is not None
+    for each in list(mentions(root, partial(locate, description=part))):
+        if each.element.tag in ("model", "flexcomp"):
+            continue
         if part.format == "urdf":
             try:
-                target = str(locate(name, part))
+                target = str(locate(each.reference, part))
             except AssetError:
                 continue  # a missing mesh is for those to complain about who need it
         else:
             target = str(part.folder / each.reference)
         each.element.set(each.attribute, target)
-    drop_file_settings(root)
     if part.format == "urdf":
-        for compiler in root.iter("compiler"):
-            compiler.set("strippath", "false")
+        take_names_as_written(root)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -12,7 +14,9 @@ from typing import Literal, NoReturn
 from lxml import etree
 
 from morphkit.errors import AssetError, DescriptionError, MorphkitError
+from morphkit.formats.assets import point_beside_includes
 from morphkit.formats.document import Document
+from morphkit.formats.mjcf_schema import FILE_FOLDERS
 from morphkit.formats.resolve import resolve_asset
 
 MAX_INCLUDES = 1000
@@ -54,7 +58,8 @@ def flatten_includes(
 ) -> etree._ElementTree:
     """Replace every MJCF `<include file="..."/>` by what is in that file, in place.
 
-    File names start in `folder`, else in the folder of the including file. As in MuJoCo, a file can be included once.
+    File names start in `folder`, else in the folder of the including file. As in MuJoCo, a file can be included once,
+    and what it names is looked for beside it where it is not found otherwise.
 
     Args:
         tree: The parsed MJCF; it is edited.
@@ -74,6 +79,7 @@ def flatten_includes(
         DescriptionError: An included file is not XML, or is included twice.
     """
     origin: dict[Path, str] = {}
+    included: list[tuple[etree._Element, Path]] = []
     pending = deque((element, folder, file) for element in tree.iter("include"))
     while pending:
         element, base, owner = pending.popleft()
@@ -84,13 +90,17 @@ def flatten_includes(
             _replace(element, [])
             continue
         path, root = found
+        own = _folder_of(path, element.get("file") or "", folder, base)
+        included += [(each, own) for each in root.iter(*FILE_FOLDERS, "model")]
         if read is not None:
             read(root, path)
         children = list(root)
         _replace(element, children)
         for child in children:
             if isinstance(child.tag, str):
-                pending += [(nested, path.parent, path.name) for nested in child.iter("include")]
+                pending += [(nested, own, path.name) for nested in child.iter("include")]
+    if folder is not None:
+        point_beside_includes(tree.getroot(), included, folder)
     return tree
 
 
@@ -160,6 +170,16 @@ def _locate(reference: str, folder: Path, base: Path, packages: Mapping[str, Pat
         except AssetError:
             pass
         raise
+
+
+def _folder_of(path: Path, reference: str, folder: Path | None, base: Path | None) -> Path:
+    """The folder that an included file lies in as it was named, which links may lead to."""
+    for start in (folder, base):
+        named = Path(os.path.normpath(start / reference)) if start is not None else path
+        with contextlib.suppress(OSError, RuntimeError, ValueError):  # Another file that cannot be read.
+            if named.samefile(path):
+                return named.parent
+    return path.parent
 
 
 def _replace(element: etree._Element, children: list[etree._Element]) -> None:

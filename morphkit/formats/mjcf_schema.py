@@ -36,8 +36,13 @@ NAMED_BY_FILE = ("mesh", "hfield", "texture", "skin")
 TEXTURE_FILES = ("file", "fileback", "filedown", "filefront", "fileleft", "fileright", "fileup")
 """Attributes of a texture that name files."""
 
-FILE_FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "texture": "texturedir"}
+FILE_FOLDERS = {
+    "mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "flexcomp": "meshdir", "texture": "texturedir",
+}  # fmt: skip
 """Element that names a file -> the `<compiler>` setting for the folder that the name starts in."""
+
+_SOUGHT_IN = {"mesh": "meshdir", "texture": "texturedir", "hfield": "assetdir", "skin": "assetdir"}
+_FLEXCOMP_FILES = ("mesh", "gmsh")
 
 FILE_SETTINGS = ("meshdir", "texturedir", "assetdir", "strippath")
 """`<compiler>` settings that change what names of files mean."""
@@ -70,6 +75,20 @@ def file_folder(root: Any, setting: str) -> str:
     return str(folder)
 
 
+def sought_folder(root: Any, tag: str) -> str:
+    """The folder that MuJoCo looks into before it looks beside an included file that has an element of a tag."""
+    found = {key: value for each in root.iterfind("compiler") for key, value in each.attrib.items()}
+    setting = _SOUGHT_IN.get(tag)
+    return "" if setting is None else str(found.get(setting, found.get("assetdir", "")))
+
+
+def reads_file(element: Any) -> bool:
+    """Whether MuJoCo reads the files that an element names; some it makes itself."""
+    if element.tag == "flexcomp":
+        return element.get("type") in _FLEXCOMP_FILES
+    return element.tag != "texture" or element.get("builtin", "none") == "none"
+
+
 def strips_paths(root: Any) -> bool:
     """Whether only the last part of a file's name counts."""
     strip = "false"
@@ -78,8 +97,7 @@ def strips_paths(root: Any) -> bool:
     return strip == "true"
 
 
-def drop_file_settings(root: Any) -> None:
-    """Let names of files mean what they say, seen from the file's folder."""
-    for compiler in root.iter("compiler"):
-        for attribute in FILE_SETTINGS:
-            compiler.attrib.pop(attribute, None)
+def drop_file_settings(root: Any) -> bool:
+    """Let names of files mean what they say, seen from the file's folder; whether they did not before."""
+    dropped = [each.attrib.pop(key, None) for each in root.iter("compiler") for key in FILE_SETTINGS]
+    return any(value is not None for value in dropped)

@@ -15,10 +15,11 @@ from morphkit.description import Description
 from morphkit.errors import DescriptionError
 from morphkit.formats.document import document_of
 from morphkit.formats.limits import check_mjcf
-from morphkit.formats.mjcf_attach import attach_models
+from morphkit.formats.mjcf_attach import prepare_parse
 from morphkit.formats.mjcf_include import flattened
 from morphkit.formats.mjcf_locations import Places
 from morphkit.formats.mjcf_names import name_with_origins
+from morphkit.formats.mjcf_schema import reads_file
 from morphkit.morphology import Actuator, Base, Joint, JointKind, Limb, Morphology, Origin
 from morphkit.naming.limbs import numbered_labels
 from morphkit.readers.common import choose_root, type_of
@@ -104,10 +105,10 @@ def _parse(description: Description) -> tuple[mujoco.MjSpec, tuple[Origin, ...],
     check_mjcf(document.root, file=file)
     places = Places(file, document.root)
     models: dict[str, bytes] = {}
-    if next(tree.iter("include", "model"), None) is not None:
+    if any(each.tag != "flexcomp" or reads_file(each) for each in tree.iter("include", "model", "flexcomp")):
         tree = flattened(document, description.folder, file=file, packages=description.packages, read=places.own)
         check_mjcf(tree.getroot(), file=file)
-        models = attach_models(tree, description, places)
+        models = prepare_parse(tree, description, places)
         text = etree.tostring(tree.getroot(), encoding="unicode")
     else:
         text = document.text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,14 @@ import mujoco
 
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
-from morphkit.formats import resolve, xml
+from morphkit.formats import xml
+from morphkit.formats.assets import reference_in_urdf, take_names_as_written
 from morphkit.formats.document import document_of
 from morphkit.formats.limits import check_chain, check_mjcf
-from morphkit.formats.mjcf_attach import attach_models
+from morphkit.formats.mjcf_attach import prepare_parse
 from morphkit.formats.mjcf_include import flattened
 from morphkit.formats.mjcf_names import name_elements
+from morphkit.formats.resolve import locate
 from morphkit.morphology import Morphology
 from morphkit.readers.urdf_normalize import normalize
 from morphkit.simulation.mesh_files import read_for_mujoco
@@ -54,11 +57,11 @@ def load_spec(
         repairs = normalize(tree, file=description.file).repairs
         strays = tuple(leave_out_strays(tree.getroot(), only)) if only is not None else ()
         mended = (*(repair.text for repair in repairs), *strays, *mend(tree.getroot()))
-        references = _prepare_urdf(tree.getroot())
+        references = _prepare_urdf(tree.getroot(), description)
     else:
         tree = flattened(document, description.folder, file=description.file, packages=description.packages)
         check_mjcf(tree.getroot(), file=description.file)
-        models = attach_models(tree, description)
+        models = prepare_parse(tree, description)
     try:
         spec = mujoco.MjSpec.from_string(xml.serialize(tree).decode(), include=models)
     except ValueError as error:
@@ -71,7 +74,6 @@ def load_spec(
         *_resolve_skins(spec, description),
         *_resolve_images(spec, description),
     ]
-    spec.meshdir = spec.texturedir = ""
     return spec, tuple(notes)
 
 
@@ -83,8 +85,9 @@ def compile_spec(spec: mujoco.MjSpec, file: str) -> mujoco.MjModel:
         raise DescriptionError(f"{file}: MuJoCo cannot compile it: {error}") from error
 
 
-def _prepare_urdf(robot: Any) -> dict[str, str]:
+def _prepare_urdf(robot: Any, description: Description) -> dict[str, str]:
     """Insert the importer's options; give every mesh a short unique file name, and return name -> reference."""
+    named = [(mesh, reference_in_urdf(mesh, partial(locate, description=description))) for mesh in robot.iter("mesh")]
     mujoco_element = robot.find("mujoco")
     if mujoco_element is None:
         mujoco_element = robot.makeelement("mujoco", {})
@@ -93,14 +96,13 @@ def _prepare_urdf(robot: Any) -> dict[str, str]:
     if compiler is None:
         compiler = mujoco_element.makeelement("compiler", {})
         mujoco_element.insert(0, compiler)
-    compiler.attrib.pop("meshdir", None)
-    for key, value in {"fusestatic": "false", "discardvisual": "false", "strippath": "false"}.items():
+    take_names_as_written(robot)
+    for key, value in {"fusestatic": "false", "discardvisual": "false"}.items():
         compiler.set(key, value)
     for place, material in enumerate(robot.findall("material")):
         robot.insert(place, material)  # the robot's own count before those of links; MuJoCo takes the first of a name
     names: dict[str, str] = {}
-    for mesh in robot.iter("mesh"):
-        reference = mesh.get("filename", "")
+    for mesh, reference in named:
         mesh.set("filename", names.setdefault(reference, f"{len(names)}_{Path(reference).name}"))
     return {name: reference for reference, name in names.items()}
 
@@ -116,7 +118,7 @@ def _resolve_meshes(
     for mesh in list(spec.meshes):
         if not mesh.file:
             continue
-        reference = references.get(mesh.file) or str(Path(mesh.compiler.meshdir) / mesh.file)
+        reference = references.get(mesh.file) or mesh.file
         users = geoms.get(mesh.name, [])
         try:
             name, content = _mesh_bytes(reference, description)
@@ -136,7 +138,7 @@ def _resolve_fields(spec: mujoco.MjSpec, description: Description, incomplete: s
     notes = []
     for field in [field for field in spec.hfields if field.file]:
         try:
-            path = resolve.locate(str(Path(spec.meshdir) / field.file), description)
+            path = locate(field.file, description)
         except AssetError as error:
             if incomplete is None:
                 raise
@@ -153,7 +155,7 @@ def _resolve_skins(spec: mujoco.MjSpec, description: Description) -> list[str]:
     notes = []
     for skin in [skin for skin in spec.skins if skin.file]:
         try:
-            path = resolve.locate(str(Path(spec.meshdir) / skin.file), description)
+            path = locate(skin.file, description)
         except AssetError as error:
             notes.append(f"skin {skin.name or skin.file!r} was left out: {error}")
             spec.delete(skin)
@@ -177,10 +179,10 @@ def _resolve_images(spec: mujoco.MjSpec, description: Description) -> list[str]:
     notes = []
     for texture in spec.textures:
         files = [file for file in (texture.file, *texture.cubefiles) if file]
-        if not files:
+        if not files or texture.builtin != mujoco.mjtBuiltin.mjBUILTIN_NONE:
             continue
         try:
-            paths = [resolve.locate(str(Path(spec.texturedir) / file), description) for file in files]
+            paths = [locate(file, description) for file in files]
         except AssetError as error:
             notes.append(f"texture {texture.name or files[0]!r} was left out: {error}")
             texture.file, texture.cubefiles = "", [""] * len(texture.cubefiles)
@@ -204,4 +206,4 @@ def _is_decoration(geom: Any) -> bool:
 
 def _mesh_bytes(reference: str, description: Description) -> tuple[str, bytes]:
     """File name and content of a mesh in a format that MuJoCo reads; others are converted with trimesh."""
-    return read_for_mujoco(resolve.locate(reference, description))
+    return read_for_mujoco(locate(reference, description))

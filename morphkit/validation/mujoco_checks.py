@@ -45,7 +45,7 @@ def examine(source: str, file: str, folder: str, packages: dict[str, str]) -> di
         warnings.simplefilter("ignore")
         plain = mujoco.MjSpec.from_string(source)
     except ValueError as error:
-        if "<model" not in source:  # else models to attach have to be located first
+        if "<model" not in source and "<flexcomp" not in source:  # else files to read have to be located first
             return {"refused": _refusal(error)}
         plain = None
     try:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from morphkit.formats.assets import reference_in_urdf
 from morphkit.formats.poses import Pose, identity, urdf_pose
 from morphkit.simulation.inertia import LEAST_MASS
 from morphkit.validation.common import read_numbers
@@ -168,4 +169,4 @@ def _pose(doc: CheckedDocument, element: Any, owner: str) -> Pose | None:
 
 def _find(doc: CheckedDocument, element: Any, owner: str, name: str, *, decorates: bool) -> Path | None:
     rule = "mesh-missing-visual" if decorates else "mesh-missing"
-    return doc.find_asset(element, element.get("filename") or "", owner, name, missing=rule)
+    return doc.find_asset(element, reference_in_urdf(element, doc.locate), owner, name, missing=rule)

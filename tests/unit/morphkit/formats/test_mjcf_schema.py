@@ -60,7 +60,7 @@ def test_every_attribute_that_is_called_like_a_kind_is_a_reference() -> None:
 def test_every_attribute_that_names_a_file_of_an_asset_is_known() -> None:
     naming = {(tag, each) for tag, attributes in ELEMENTS for each in attributes if re.fullmatch("file[a-z]*", each)}
     assert {each for tag, each in naming if tag == "texture"} == set(TEXTURE_FILES)
-    others = {tag for tag, _ in naming} - {"include", "flexcomp", "model"}
+    others = {tag for tag, _ in naming} - {"include", "model"}
     assert others == set(FILE_FOLDERS)
 
 

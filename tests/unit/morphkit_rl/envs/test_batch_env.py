@@ -94,15 +94,15 @@ BROKEN = b"""<robot name="r"><link name="base"/><link name="arm"/><link name="le
 
 
 @pytest.mark.parametrize("what", [["--all"], ["--remove", "arm"]])
-def test_variants_of_a_robot_that_does_not_compile_are_not_held_to_it(tmp_path, capsys, what):
+def test_variants_of_a_robot_that_does_not_compile_are_written_with_an_error(tmp_path, capsys, what):
     (tmp_path / "r.urdf").write_bytes(BROKEN)
-    assert morphkit(["ablate", str(tmp_path / "r.urdf"), *what, "-o", str(tmp_path / "out")]) == 0
+    assert morphkit(["ablate", str(tmp_path / "r.urdf"), *what, "-o", str(tmp_path / "out"), "-q"]) == 2
     manifest = read_manifest(tmp_path / "out")
     assert manifest.variants
     assert manifest.notes[0].startswith(
         "the variants were not compiled, because MuJoCo cannot compile the robot itself: "
     )
-    assert capsys.readouterr().err == f"note: {manifest.notes[0]}\n"
+    assert capsys.readouterr().err == f"error: {manifest.notes[0]}\n"
 
 
 def test_check_and_problem():
