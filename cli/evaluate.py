@@ -65,6 +65,7 @@ def evaluate(
         common.print_json({"run": str(run), "episodes": episodes, "seed": seed, "robots": [_row(r) for r in found]})
     else:
         _print_table(found)
+    _say_diverged(found)
     if video is not None:
         _film(run, bodies, video, seed=seed, task=task, base=base)
 
@@ -90,6 +91,7 @@ def _row(result: RobotResult) -> dict[str, Any]:
         "random_returns": result.random_returns,
         "normalized": result.normalized,
         "diverged": result.diverged,
+        "random_diverged": result.random_diverged,
     }
 
 
@@ -111,10 +113,14 @@ def _print_table(found: Sequence[RobotResult]) -> None:
         )
     shown = table(("body", "trained on", *numbers), rows, right=numbers, dispensable=("std",), width=terminal_width())
     sys.stdout.write(shown)
+
+
+def _say_diverged(found: Sequence[RobotResult]) -> None:
     for result in found:
-        if result.diverged:
-            episodes = common.count(result.diverged, "episode")
-            typer.echo(f"{result.robot}: {episodes} ended because the simulation diverged", err=True)
+        for count, whose in ((result.diverged, ""), (result.random_diverged, " of the random policy")):
+            if count:
+                every = "every episode" if count == len(result.returns) else common.count(count, "episode")
+                typer.echo(f"{result.robot}: {every}{whose} ended because the simulation diverged", err=True)
 
 
 def _film(run: Path, bodies: Sequence[Description], video: Path, *, seed: int, task: str | None, base: Any) -> None:

@@ -161,7 +161,7 @@ def _report(summary: TrainSummary, robots: list[str], *, as_json: bool, quiet: b
             f"{common.count(summary.steps, 'step')} and {common.count(summary.updates, 'update')} "
             f"in {common.duration(summary.elapsed_s)}; run: {summary.run}\n"
         )
-    if summary.diverged and not quiet:
+    if summary.diverged:
         episodes = common.count(summary.diverged, "episode")
         typer.echo(f"{episodes} ended because the simulation diverged", err=True)
     if not summary.advanced:

@@ -14,6 +14,7 @@ import numpy as np
 
 from morphkit.errors import ConfigError, DependencyError
 from morphkit.utils.atomic_write import write_output
+from morphkit.viewer.mp4 import encode
 from morphkit.viewer.render import render_frames, start_reach
 
 if TYPE_CHECKING:
@@ -59,7 +60,6 @@ def check_video_path(path: Path) -> None:
     _check_suffix(Path(path), (".gif", ".mp4"))
     import_viewer("PIL.Image")
     if Path(path).suffix.lower() == ".mp4":
-        import_viewer("imageio")
         try:
             import_viewer("imageio_ffmpeg").get_ffmpeg_exe()
         except RuntimeError as error:
@@ -165,13 +165,4 @@ def _write_gif(frames: Iterable[np.ndarray], path: Path, fps: float) -> None:
 
 
 def _write_mp4(frames: Iterable[np.ndarray], path: Path, fps: float) -> None:
-    imageio = import_viewer("imageio.v2")
-    # Two pixels are the least that H.264 with this color format can count in.
-    writer = imageio.get_writer(
-        path, fps=fps, codec="libx264", quality=7, pixelformat="yuv420p", macro_block_size=2, ffmpeg_log_level="error"
-    )
-    try:  # As a context manager it would leave ffmpeg running after a failure.
-        for frame in frames:
-            writer.append_data(frame)
-    finally:
-        writer.close()
+    encode(frames, path, fps, import_viewer("imageio_ffmpeg").get_ffmpeg_exe())

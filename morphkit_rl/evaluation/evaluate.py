@@ -30,11 +30,13 @@ class RobotResult(RobotReturns):
         trained_on: Whether training saw the robot.
         random_returns: Return of each episode with actions drawn uniformly from the control ranges.
         diverged: Noise-free episodes that ended because the simulation diverged.
+        random_diverged: The same of the random policy.
     """
 
     trained_on: bool
     random_returns: tuple[float, ...]
     diverged: int = 0
+    random_diverged: int = 0
 
     @property
     def random_mean(self) -> float:
@@ -131,7 +133,7 @@ def _evaluate_one(policy: Policy, robot: Robot, episodes: int, seed: int) -> Rob
     env = _single(policy, robot, episodes, seed)
     (returns,), (lengths,), (diverged,) = play(env, lambda obs: [policy.act(robot.spec, obs[0])])
     env.seed(seed)
-    (random_returns,) = play(env, random_controller(env, seed)).returns
+    (random_returns,), _, (random_diverged,) = play(env, random_controller(env, seed))
     env.close()
     return RobotResult(
         robot=robot.name,
@@ -141,6 +143,7 @@ def _evaluate_one(policy: Policy, robot: Robot, episodes: int, seed: int) -> Rob
         lengths=tuple(lengths.tolist()),
         expert_return=robot.simulation.description.info.expert_return,
         diverged=diverged,
+        random_diverged=random_diverged,
     )
 
 

@@ -37,6 +37,7 @@ class Collector:
         real_steps: All environment steps.
         episodes: Episodes that were reported.
         recent: Returns of each robot's latest reported episodes.
+        ended: Episodes of each robot that ended, int64 (robots,).
     """
 
     def __init__(self, robots: Sequence[Robot], layout: Layout, config: TrainerConfig, seed: int):
@@ -58,6 +59,7 @@ class Collector:
         self.buffers = [ReplayBuffer(*width, config.num_envs, capacity, config.replay_dtype) for width in widths]
         self.steps = self.real_steps = self.episodes = 0
         self.recent: list[deque[float]] = [deque(maxlen=RECENT_EPISODES) for _ in robots]
+        self.ended = np.zeros(len(robots), np.int64)
         self.obs = np.zeros(0)
 
     def reset(self, elapsed: np.ndarray | None = None) -> None:
@@ -82,7 +84,10 @@ class Collector:
                 f"training diverged: actions are not finite after {self.steps} steps; try a smaller td3.learning_rate. "
                 "The last checkpoint is from before"
             )
-        return self.env.step(self._rows.to_controls(action))
+        step = self.env.step(self._rows.to_controls(action))
+        for episode in step.episodes:
+            self.ended[episode.robot] += 1
+        return step
 
     def store(self, action: np.ndarray, step: Step, *, cut: bool = False) -> None:
         """Put what `advance` gave into the replay, and go on from there.
@@ -116,6 +121,14 @@ class Collector:
         pairs = zip(self.robots, self.recent, strict=True)
         return {robot.name: float(np.mean(recent)) for robot, recent in pairs if recent}
 
+    def only_diverged(self) -> dict[str, int]:
+        """Robots whose every episode ended because the simulation diverged, with how many those were.
+
+        One for each environment is the least that counts.
+        """
+        pairs = zip(self.robots, self.ended.tolist(), self.env.diverged.tolist(), strict=True)
+        return {robot.name: ended for robot, ended, diverged in pairs if ended == diverged and ended >= self.num_envs}
+
     def arrays(self) -> dict[str, np.ndarray]:
         """State of the environments and their observations."""
         return {**self.env.state_dict(), "trainer/obs": self.obs}
@@ -127,6 +140,7 @@ class Collector:
             "real_steps": self.real_steps,
             "episodes": self.episodes,
             "recent": [list(recent) for recent in self.recent],
+            "ended": self.ended.tolist(),
         }
 
     def restore(self, arrays: dict[str, np.ndarray], state: Mapping[str, Any]) -> None:
@@ -134,5 +148,6 @@ class Collector:
         self.obs = arrays.pop("trainer/obs")
         self.env.load_state_dict(arrays)
         self.steps, self.real_steps, self.episodes = state["steps"], state["real_steps"], state["episodes"]
+        self.ended[:] = state.get("ended", self.env.diverged + 1)  # what older runs did not count, they did not lose
         for recent, values in zip(self.recent, state["recent"], strict=True):
             recent.extend(values)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -62,7 +62,7 @@ def train(
             budget makes no sense.
         UnknownNameError: A name in `hold_out` or `validation` is none of the robots.
         OutputError: The run folder cannot be written or holds files.
-        TrainingError: Losses or actions are no longer finite.
+        TrainingError: Losses or actions are no longer finite, or the simulation of a robot diverged in every episode.
     """
     run = Path(run)
     trained, validated = run_settings.split(descriptions, hold_out, validation)
@@ -103,7 +103,7 @@ def resume(
     Raises:
         CheckpointError: The folder is no run, or its checkpoint is damaged or was deleted.
         OutputError: Another process trains there, or the folder cannot be written.
-        TrainingError: Losses or actions are no longer finite.
+        TrainingError: As `train`.
     """
     run = Path(run)
     settings = run_settings.load(run)
@@ -136,6 +136,8 @@ class Trainer:
                 with closing(log):
                     self._run(run, log, progress)
         now, collector = self._progress(self._mark()), session.collector
+        if now.fraction >= 1:
+            _refuse_diverged(collector.only_diverged(), run)
         return TrainSummary(
             run=run,
             steps=now.steps,
@@ -249,3 +251,13 @@ class Trainer:
             "returns": returns,
             **{name: float(value) for name, value in self._losses.items()},
         }
+
+
+def _refuse_diverged(robots: Mapping[str, int], run: Path) -> None:
+    if robots:
+        found = ", ".join(f"{name} ({count})" for name, count in robots.items())
+        raise TrainingError(
+            f"{run}: the simulation diverged in every episode of {found}: there was nothing to learn from. Give the"
+            " file a smaller timestep, or look for masses, inertias and gains that do not fit with morphkit check; else"
+            " leave it out"
+        )

@@ -11,6 +11,7 @@ import pytest
 
 from morphkit.errors import ConfigError, DependencyError, OutputError
 from morphkit.viewer import media, render
+from morphkit.viewer.mp4 import encode
 
 
 @pytest.mark.parametrize(("fps", "kept", "left"), [(125.0, 20, 25.0), (25.0, 100, 25.0), (30.0, 100, 30.0)])
@@ -93,6 +94,48 @@ def test_a_failure_half_way_leaves_the_old_file_and_nothing_else(suffix: str, tm
     assert path.read_bytes() == b"old"
 
 
+@pytest.fixture
+def small_files() -> Iterator[None]:
+    """No file grows beyond 20 kB, as on a full disk."""
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("suffix", ["gif", "mp4"])
+@pytest.mark.parametrize("old", [b"", b"old"])
+def test_a_video_that_does_not_fit_is_an_error_and_leaves_nothing(
+    suffix: str, old: bytes, tmp_path: Path, small_files: None
+) -> None:
+    path = tmp_path / f"a.{suffix}"
+    if old:
+        path.write_bytes(old)
+    noise = np.random.default_rng(0).integers(0, 256, (12, 64, 64, 3), dtype=np.uint8)
+    with pytest.raises(OutputError, match=rf"cannot write {path}: ."):
+        media.write_video(noise, path, 25.0)
+    assert [entry.read_bytes() for entry in tmp_path.iterdir()] == [old] * bool(old)
+
+
+def test_what_ffmpeg_says_of_a_full_disk_is_told(tmp_path: Path) -> None:
+    ffmpeg = tmp_path / "ffmpeg"
+    ffmpeg.write_text("#!/bin/sh\ncat > /dev/null\necho 'out: No space left on device' >&2\necho end >&2\nexit 228\n")
+    ffmpeg.chmod(0o755)
+    with pytest.raises(OSError, match=r"^ffmpeg: out: No space left on device$"):
+        encode(frames(), tmp_path / "a.mp4", 25.0, str(ffmpeg))
+    ffmpeg.write_text("#!/bin/sh\nexit 3\n")
+    with pytest.raises(OSError, match=r"^ffmpeg: exit code 3$"):
+        encode(frames(200, (480, 640)), tmp_path / "a.mp4", 25.0, str(ffmpeg))
+
+
+def test_an_odd_size_is_made_even(tmp_path: Path) -> None:
+    imageio = pytest.importorskip("imageio.v2")
+    path = media.write_video(frames(3, (33, 31)), tmp_path / "a.mp4", 24000 / 1001)
+    with imageio.get_reader(path) as reader:
+        assert reader.get_meta_data()["size"] == (32, 34)
+
+
 def test_a_folder_that_cannot_be_made_is_an_output_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="cannot write"):
@@ -100,7 +143,7 @@ def test_a_folder_that_cannot_be_made_is_an_output_error(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("module", "name"), [("PIL.Image", "a.gif"), ("imageio", "a.mp4"), ("imageio_ffmpeg", "a.mp4")]
+    ("module", "name"), [("PIL.Image", "a.gif"), ("PIL.Image", "a.mp4"), ("imageio_ffmpeg", "a.mp4")]
 )
 def test_a_missing_package_names_the_extra(
     module: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
