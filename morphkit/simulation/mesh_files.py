@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import math
 import re
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +43,8 @@ def read_for_mujoco(path: Path) -> tuple[str, bytes]:
         return path.name, content
     mesh = load_mesh(path)
     kind = "stl" if len(mesh.faces) <= MAX_STL_FACES else "obj"
-    converted = mesh.export(file_type=kind)
+    with _reading(path):
+        converted = mesh.export(file_type=kind)
     return f"{path.stem}.{kind}", converted.encode() if isinstance(converted, str) else bytes(converted)
 
 
@@ -84,7 +87,7 @@ def load_mesh(path: Path) -> Any:
 
     _check_size(path)
     collada = path.suffix.lower() in _COLLADA
-    try:
+    with _reading(path):
         if path.suffix.lower() == ".msh":
             return trimesh.Trimesh(*_read_msh(path.read_bytes()), process=False)
         if path.suffix.lower() == ".stl":
@@ -93,17 +96,30 @@ def load_mesh(path: Path) -> Any:
             mesh = trimesh.load(path, force="mesh", skip_materials=True)
         if path.suffix.lower() == ".dae" and len(mesh.faces) == 0:
             mesh = trimesh.load(io.BytesIO(_without_materials(path)), file_type="dae", force="mesh")
-    except Exception as error:  # trimesh raises whatever the reader of the format raises
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise AssetError(f"{path}: cannot be read as a mesh: {reason}") from error
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
         raise AssetError(f"{path}: holds no triangles")
+    if not 0 <= mesh.faces.min() <= mesh.faces.max() < len(mesh.vertices):
+        raise AssetError(f"{path}: cannot be read as a mesh: a face names a vertex that is not there")
     factor = _meters(mesh.units) if collada else 1.0
     if not 0 < factor < math.inf:
         raise AssetError(f"{path}: states a unit of {factor:g} m")
     if factor != 1.0:
         mesh.apply_scale(factor)
     return mesh
+
+
+@contextlib.contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Make an AssetError of what trimesh raises, whatever the reader of the format raises, and keep it from logging."""
+    log = logging.getLogger("trimesh")
+    before, log.disabled = log.disabled, True
+    try:
+        yield
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise AssetError(f"{path}: cannot be read as a mesh: {reason}") from error
+    finally:
+        log.disabled = before
 
 
 def up_axis(path: Path) -> str | None:
