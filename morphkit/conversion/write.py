@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from importlib.metadata import version
 from pathlib import Path
@@ -12,9 +13,11 @@ import mujoco
 from morphkit.conversion.convert import Conversion
 from morphkit.errors import DescriptionError, OutputError
 from morphkit.utils import staging
+from morphkit.utils.plain_files import read_plain
 from morphkit.utils.staging import in_turn, require_text, stage
 
 _PLACED = "placed"  # in a stage: names of the mesh files that are moved from there
+_MESH_NAME = re.compile(r"[\w.-]*-[0-9a-f]{8,64}[\w.-]*")  # see `convert._name_meshes`
 
 
 def asset_folder(path: Path) -> Path:
@@ -101,11 +104,21 @@ def _take_back(own: Path, path: Path) -> None:
     if folder.is_symlink() or not (own / _PLACED).is_file():
         return
     text = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
-    for name in json.loads((own / _PLACED).read_text(encoding="utf-8")):
+    for name in _placed(own):
         if f'"{name}"' not in text:
             (folder / name).unlink(missing_ok=True)
     if folder.is_dir() and not any(folder.iterdir()):
         folder.rmdir()
+
+
+def _placed(own: Path) -> list[str]:
+    """Names in the list of a stage, which may be anybody's: only those that `convert` gives to meshes."""
+    try:
+        names = json.loads(read_plain(own / _PLACED))
+    except (OSError, ValueError, RecursionError):
+        return []
+    found = names if isinstance(names, list) else []
+    return [name for name in found if isinstance(name, str) and _MESH_NAME.fullmatch(name)]
 
 
 def _same(first: Path, second: Path) -> bool:

@@ -16,6 +16,7 @@ from morphkit.description import RobotInfo
 from morphkit.errors import DescriptionError
 from morphkit.families.build import FailedVariant, MirroredVariant
 from morphkit.morphology import Base
+from morphkit.utils.plain_files import read_plain, require_plain_way
 
 FILE_NAME = "manifest.json"
 SCHEMA_VERSION = 1
@@ -89,14 +90,15 @@ def read_manifest(path: Path, *, check_files: bool = True) -> Manifest:
 
     Raises:
         DescriptionError: It cannot be read, has another schema version, a key is missing or has a value that makes no
-            sense, or a file it lists is missing or was changed.
+            sense, or a file it lists is missing, was changed, or is reached through a link.
     """
     path = path / FILE_NAME if path.is_dir() else path
+    require_plain_way(path, DescriptionError)
     try:
-        data = json.loads(path.read_text("utf-8"))
+        data = json.loads(read_plain(path))
     except OSError as error:
         raise DescriptionError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise DescriptionError(f"{path}: is not JSON: {error}") from error
     found = data.get("schema_version") if isinstance(data, dict) else None
     if found != SCHEMA_VERSION:
@@ -124,6 +126,7 @@ def listed_files(manifest: Manifest) -> dict[str, str]:
 
 
 def _check_file(file: Path, sha256: str, listing: Path) -> None:
+    require_plain_way(file, DescriptionError, top=listing.parent)
     if not file.is_file():
         raise DescriptionError(f"{file}: is missing, but {listing.name} lists it; write the family again")
     if hashlib.sha256(file.read_bytes()).hexdigest() != sha256:

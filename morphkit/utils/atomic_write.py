@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import os
+import re
+import secrets
+import stat
 from collections.abc import Callable
 from pathlib import Path
 
 from morphkit.errors import MorphkitError, OutputError
 
+_STEM, _TOKEN_BYTES = 40, 4  # in bytes, names are bounded
+_EXCLUSIVE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | getattr(os, "O_NOFOLLOW", 0)
+
 
 def write_atomically(path: Path, write: Callable[[Path], object], *, durable: bool = False) -> Path:
     """Let `write` fill a temporary file in the folder of `path`, then rename it; a failure leaves nothing behind.
 
+    The file gets the mode that the user's umask gives, whatever `write` does. A link at `path` is replaced.
+
     Args:
         path: The file, which is replaced where it exists.
-        write: Fills the file that it is given, whose name has the suffix of `path`.
+        write: Fills the file that it is given, which is empty, and whose name has the suffix of `path`.
         durable: Whether the content is flushed to disk before the renaming, so that a power cut leaves the old file or
             the new one.
 
@@ -24,9 +32,11 @@ def write_atomically(path: Path, write: Callable[[Path], object], *, durable: bo
     Raises:
         OSError: The disk is full or the folder cannot be written.
     """
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    temporary, mode = _make_temporary(path)
     try:
         write(temporary)
+        if stat.S_IMODE(temporary.stat().st_mode) != mode:
+            temporary.chmod(mode)
         if durable:
             flush(temporary)
         temporary.replace(path)
@@ -34,6 +44,11 @@ def write_atomically(path: Path, write: Callable[[Path], object], *, durable: bo
         if temporary.parent.is_dir():
             temporary.unlink(missing_ok=True)
     return path
+
+
+def temporary_names(path: Path) -> re.Pattern[str]:
+    """What the names of temporary files for `path` look like, which a killed process may leave."""
+    return re.compile(rf"\.{re.escape(path.stem[:_STEM])}\.[0-9a-f]{{{2 * _TOKEN_BYTES}}}{re.escape(path.suffix)}")
 
 
 def write_text(path: Path, text: str, *, durable: bool = False) -> Path:
@@ -63,3 +78,17 @@ def flush(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def _make_temporary(path: Path) -> tuple[Path, int]:
+    """A new empty file next to `path`, never one that somebody put there, and the mode that it got."""
+    while True:
+        temporary = path.with_name(f".{path.stem[:_STEM]}.{secrets.token_hex(_TOKEN_BYTES)}{path.suffix}")
+        try:
+            descriptor = os.open(temporary, _EXCLUSIVE, 0o666)
+        except FileExistsError:
+            continue
+        try:
+            return temporary, stat.S_IMODE(os.fstat(descriptor).st_mode)
+        finally:
+            os.close(descriptor)

@@ -15,6 +15,7 @@ from typing import Any, Literal
 from morphkit.description import Description
 from morphkit.errors import CheckpointError, ConfigError, OutputError
 from morphkit.utils.atomic_write import write_text
+from morphkit.utils.plain_files import read_plain, require_plain
 from morphkit_rl.benchmark.bodies import Bodies
 from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.runs.lock import locked, owner
@@ -114,14 +115,16 @@ def create(plans: Sequence[MatrixPlan], matrix: Path) -> None:
     Raises:
         ConfigError: A cell exists with other settings, or the matrix holds cells of the other kind, with or without
             validation; nothing is written then.
+        CheckpointError: A cell is damaged, or the matrix or a cell is or holds a link; nothing is written then.
         OutputError: A folder cannot be written.
     """
     fresh = []
-    for path in matrix.glob(_EVERY_CELL):
+    for path in _cell_files(matrix):
         if read_json(path).get("validate") not in {plan.validate for plan in plans}:
             raise ConfigError(f"{matrix}: some of its cells {_KINDS[not plans[0].validate]}; choose another --out")
     for plan in plans:
         folder = plan.cell.folder(matrix)
+        require_plain(folder, CheckpointError, top=matrix)
         values = json.loads(json.dumps(plan.to_json()))
         if not (folder / CELL).is_file():
             fresh.append((folder, values))
@@ -142,13 +145,25 @@ def read_matrix(matrix: Path) -> list[Status]:
     """Find the cells of a matrix, in the order of split, task, method and seed.
 
     Raises:
-        CheckpointError: There is none, or one is damaged.
+        CheckpointError: There is none, one is damaged, or the matrix or a cell is or holds a link.
     """
-    found = sorted(matrix.glob(_EVERY_CELL))
+    found = _cell_files(matrix)
     if not found:
         reason = "holds no cells of a benchmark" if matrix.is_dir() else "no such folder"
         raise CheckpointError(f"{matrix}: {reason}; morphkit benchmark run --out {matrix} makes some")
     return sorted((read_cell(path.parent) for path in found), key=lambda status: status.cell)
+
+
+def _cell_files(matrix: Path) -> list[Path]:
+    """The `cell.json` of every cell.
+
+    Raises:
+        CheckpointError: The matrix or a cell is or holds a link.
+    """
+    found = sorted(matrix.glob(_EVERY_CELL))
+    for path in found:
+        require_plain(path.parent, CheckpointError, top=matrix)
+    return found
 
 
 def read_cell(folder: Path) -> Status:
@@ -185,7 +200,7 @@ def read_json(path: Path) -> dict[str, Any]:
         CheckpointError: It cannot be read.
     """
     try:
-        values = json.loads(path.read_text("utf-8"))
+        values = json.loads(read_plain(path))
     except (OSError, ValueError) as error:
         raise CheckpointError(f"{path}: damaged: {error}") from None
     if not isinstance(values, dict):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -75,7 +74,6 @@ def _train(plan: MatrixPlan, run: Path, device: str, progress: Callable[[Progres
     if (run / "config.json").is_file():
         summary = trainer.resume(run, progress=progress)
     else:
-        shutil.rmtree(run, ignore_errors=True)  # killed while the folder was being made
         bodies = plan.bodies
         watched = bodies.validation if plan.config.trainer.evaluate_steps else ()
         summary = trainer.train(

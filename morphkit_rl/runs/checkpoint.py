@@ -7,10 +7,9 @@ names the newest. The replay is kept next to them, see `replay_segments`.
 from __future__ import annotations
 
 import json
-import shutil
 import textwrap
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -20,48 +19,38 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 from torch import nn
 
-from morphkit.errors import CheckpointError, OutputError
+from morphkit.errors import CheckpointError, MorphkitError, OutputError
 from morphkit.utils.atomic_write import write_atomically, write_text
-from morphkit.utils.staging import require_text
+from morphkit.utils.plain_files import read_plain
+from morphkit_rl.runs import run_folder
+from morphkit_rl.runs.run_folder import CHECKPOINT_NAME, CHECKPOINTS, LATEST, SEGMENT_NAME
 
 FORMAT_VERSION = 2
-_LATEST = "latest"
-
-
-def create_run(run: Path) -> None:
-    """Make the run folder.
-
-    Raises:
-        OutputError: It cannot be written, holds files already, or has a name that is no UTF-8 text.
-    """
-    require_text(run)
-    if run.exists() and (not run.is_dir() or any(run.iterdir())):
-        is_run = (run / "config.json").is_file()
-        hint = "continue it with --resume, or choose another folder" if is_run else "choose another folder"
-        raise OutputError(f"{run}: exists and is not empty; {hint}")
-    try:
-        (run / "checkpoints").mkdir(parents=True)
-        (run / "replay").mkdir()
-    except OSError as error:
-        raise OutputError(f"{run}: cannot make the run folder: {error.strerror}") from None
 
 
 @contextmanager
 def writing(run: Path) -> Iterator[None]:
-    """Around everything that writes a checkpoint of `run`.
+    """Around everything that writes a checkpoint of `run`; where that fails, what was written goes.
 
     Raises:
         OutputError: The disk is full or the folder cannot be written.
     """
     try:
         yield
-    except OSError as error:
+    except BaseException as error:
+        with suppress(OSError, CheckpointError):
+            run_folder.clear_checkpoints(run, keep=_latest(run) if has_checkpoint(run) else None)
+            run_folder.clear_segments(run, keep={segment["file"] for segment in segments(run)})
+        if not isinstance(error, OSError) or isinstance(error, MorphkitError):
+            raise
         left = "the last one is whole" if has_checkpoint(run) else "there is none yet"
         raise OutputError(f"{run}: cannot write a checkpoint: {error.strerror or error}; {left}") from None
 
 
 def save(run: Path, tensors: Mapping[str, Mapping[str, np.ndarray]], state: Mapping[str, Any]) -> None:
     """Write a checkpoint and make it the latest; older ones go, and replay segments that it does not need.
+
+    To be called within `writing`, which removes what a failure leaves.
 
     Args:
         run: The run folder.
@@ -71,38 +60,29 @@ def save(run: Path, tensors: Mapping[str, Mapping[str, np.ndarray]], state: Mapp
     Raises:
         OSError: The disk is full or the folder cannot be written; the previous checkpoint stays.
     """
-    folder = run / "checkpoints"
+    run_folder.require_run(run)
+    folder = run / CHECKPOINTS
     name = f"step-{state['real_steps']:012d}-{state['updates']:010d}"
-    if has_checkpoint(run) and (folder / _LATEST).read_text().strip() == name:
+    latest = _latest(run) if has_checkpoint(run) else None
+    if latest == name:
         name += "-again"  # the latest is only ever removed once another is whole
     temporary = folder / f".{name}.tmp"
-    try:
-        shutil.rmtree(temporary, ignore_errors=True)
-        temporary.mkdir(parents=True)
-        for file, arrays in tensors.items():
-            save_arrays(temporary / f"{file}.safetensors", arrays)
-        sizes = {path.name: path.stat().st_size for path in sorted(temporary.iterdir())}
-        whole = {"format_version": FORMAT_VERSION, **state, "files": sizes}
-        write_text(temporary / "state.json", json.dumps(whole, indent=1), durable=True)
-        final = folder / name
-        if final.exists():
-            shutil.rmtree(final)
-        temporary.rename(final)
-        write_text(folder / _LATEST, name + "\n", durable=True)
-    except OSError:
-        shutil.rmtree(temporary, ignore_errors=True)
-        raise
-    for old in folder.iterdir():
-        if old.is_dir() and old.name != name:
-            shutil.rmtree(old, ignore_errors=True)
-    for old in (run / "replay").iterdir():
-        if old.name not in {segment["file"] for segment in state["segments"]}:
-            old.unlink(missing_ok=True)
+    run_folder.clear_checkpoints(run, keep=latest)
+    temporary.mkdir(parents=True)
+    for file, arrays in tensors.items():
+        save_arrays(temporary / f"{file}.safetensors", arrays)
+    sizes = {path.name: path.stat().st_size for path in sorted(temporary.iterdir())}
+    whole = {"format_version": FORMAT_VERSION, **state, "files": sizes}
+    write_text(temporary / "state.json", json.dumps(whole, indent=1), durable=True)
+    temporary.rename(folder / name)
+    write_text(folder / LATEST, name + "\n", durable=True)
+    run_folder.clear_checkpoints(run, keep=name)
+    run_folder.clear_segments(run, keep={segment["file"] for segment in state["segments"]})
 
 
 def has_checkpoint(run: Path) -> bool:
     """Whether `run` got as far as its first checkpoint."""
-    return (run / "checkpoints" / _LATEST).is_file()
+    return (run / CHECKPOINTS / LATEST).is_file()
 
 
 def require_folder(run: Path) -> None:
@@ -122,30 +102,45 @@ def load_state(run: Path) -> tuple[Path, dict[str, Any]]:
         The checkpoint's folder and its `state.json`.
 
     Raises:
-        CheckpointError: There is none, or it was cut short.
+        CheckpointError: There is none, it was cut short, or the run folder holds links.
     """
-    if not run.is_dir():
-        raise CheckpointError(f"{run}: no such run folder")
-    pointer = run / "checkpoints" / _LATEST
+    run_folder.require_run(run)
     if not has_checkpoint(run):
-        hint = (
-            "the run was stopped before its first checkpoint" if (run / "config.json").is_file() else "not a run folder"
-        )
-        raise CheckpointError(f"{run}: holds no checkpoint ({hint})")
-    folder = run / "checkpoints" / pointer.read_text().strip()
+        raise CheckpointError(f"{run}: holds no checkpoint (the run was stopped before its first checkpoint)")
+    folder = run / CHECKPOINTS / _latest(run)
     try:
-        state = json.loads((folder / "state.json").read_text())
+        state = json.loads(read_plain(folder / "state.json"))
         version, sizes = state["format_version"], state["files"]
+        names = [segment["file"] for segment in state["segments"]]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise CheckpointError(f"{folder / 'state.json'}: damaged or missing: {error}") from None
     if version != FORMAT_VERSION:
         raise CheckpointError(f"{folder}: format version {version}; this morphkit reads version {FORMAT_VERSION}")
+    for name in names:
+        if not SEGMENT_NAME.fullmatch(name):
+            raise CheckpointError(f"{folder / 'state.json'}: damaged: {name!r} is no name of a replay segment")
     for name, size in sizes.items():
         path = folder / name
         if not path.is_file() or path.stat().st_size != size:
             found = f"{path.stat().st_size} bytes" if path.is_file() else "nothing"
             raise CheckpointError(f"{path}: cut short: expected {size} bytes, found {found}")
     return folder, state
+
+
+def _latest(run: Path) -> str:
+    """Name of the latest checkpoint.
+
+    Raises:
+        CheckpointError: The file that holds it cannot be read, or holds something else.
+    """
+    path = run / CHECKPOINTS / LATEST
+    try:
+        name = read_plain(path).decode().strip()
+    except (OSError, ValueError) as error:
+        raise CheckpointError(f"{path}: damaged: {error}") from None
+    if not CHECKPOINT_NAME.fullmatch(name):
+        raise CheckpointError(f"{path}: damaged: {name[:80]!r} is no name of a checkpoint")
+    return name
 
 
 def segments(run: Path) -> list[dict[str, Any]]:

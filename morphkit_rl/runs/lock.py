@@ -13,7 +13,9 @@ from pathlib import Path
 
 from filelock import BaseFileLock, FileLock, Timeout
 
-from morphkit.errors import OutputError
+from morphkit.errors import CheckpointError, OutputError
+from morphkit.utils.atomic_write import write_text
+from morphkit.utils.plain_files import read_plain, require_plain
 
 _LOCK, _OWNER = ".lock", "owner.json"
 _WAIT_S = 30.0
@@ -41,6 +43,7 @@ def hold(folder: Path) -> Iterator[bool]:
         holds nothing.
 
     Raises:
+        CheckpointError: The folder holds links.
         OutputError: The file system knows no locks.
     """
     lock = _acquire(folder, _PATIENCE_S)
@@ -49,7 +52,7 @@ def hold(folder: Path) -> Iterator[bool]:
         return
     try:
         note = asdict(Owner(os.getpid(), socket.gethostname(), time.time()))
-        (folder / _OWNER).write_text(json.dumps(note) + "\n", "utf-8")
+        write_text(folder / _OWNER, json.dumps(note) + "\n")
         yield True
     finally:
         (folder / _OWNER).unlink(missing_ok=True)
@@ -87,7 +90,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _acquire(folder: Path, timeout_s: float) -> BaseFileLock | None:
-    lock = FileLock(folder / _LOCK)
+    lock = _lock_of(folder)
     try:
         lock.acquire(timeout=timeout_s)
     except Timeout:
@@ -97,6 +100,15 @@ def _acquire(folder: Path, timeout_s: float) -> BaseFileLock | None:
     return lock
 
 
+def _lock_of(folder: Path) -> BaseFileLock:
+    """The lock of a folder that holds no links; some versions of filelock empty the file that they lock."""
+    require_plain(folder, CheckpointError)
+    path = folder / _LOCK
+    if path.is_file() and path.stat().st_size and path.stat().st_nlink > 1:
+        raise CheckpointError(f"{path}: is another name of a file with content, not a lock of morphkit; remove it")
+    return FileLock(path)
+
+
 def owner(folder: Path) -> tuple[Owner | None, bool]:
     """Who left a note in a folder, and whether that process still works there.
 
@@ -104,10 +116,10 @@ def owner(folder: Path) -> tuple[Owner | None, bool]:
         The owner, or None; and False where it died without a word.
     """
     try:
-        found = Owner(**json.loads((folder / _OWNER).read_text()))
-    except (OSError, ValueError, TypeError):
+        found = Owner(**json.loads(read_plain(folder / _OWNER)))
+    except (OSError, ValueError, TypeError, RecursionError):
         return None, False
-    lock = FileLock(folder / _LOCK)
+    lock = _lock_of(folder)
     try:
         lock.acquire(timeout=0)
     except (Timeout, OSError):  # held, or in another user's folder, where the note is all there is to go by

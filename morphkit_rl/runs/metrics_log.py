@@ -8,15 +8,22 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from morphkit.errors import OutputError
+from morphkit.errors import CheckpointError, OutputError
 from morphkit.utils.atomic_write import write_text
+from morphkit.utils.plain_files import append_plain, read_plain, require_plain
+from morphkit_rl.runs.run_folder import METRICS
 
 
 def read_metrics(run: Path) -> list[dict[str, Any]]:
-    """Rows of `metrics.jsonl`, oldest first; a last row that was cut short is left out."""
-    path = run / "metrics.jsonl"
+    """Rows of `metrics.jsonl`, oldest first; a last row that was cut short is left out.
+
+    Raises:
+        CheckpointError: The run folder holds links.
+    """
+    require_plain(run, CheckpointError)
+    path = run / METRICS
     rows: list[dict[str, Any]] = []
-    for line in path.read_text().splitlines() if path.is_file() else []:
+    for line in read_plain(path).decode().splitlines() if path.is_file() else []:
         try:
             rows.append(json.loads(line))
         except json.JSONDecodeError:
@@ -38,7 +45,7 @@ class MetricsLog:
 
         kept = [row for row in read_metrics(run) if row["steps"] <= steps and row["updates"] <= updates]
         self._last = _moment(kept[-1]) if kept else None
-        self.path = run / "metrics.jsonl"
+        self.path = run / METRICS
         write_text(self.path, "".join(json.dumps(row) + "\n" for row in kept), durable=True)
         self.writer = SummaryWriter(str(run / "tensorboard"), purge_step=steps)
 
@@ -69,8 +76,7 @@ class MetricsLog:
             raise OutputError(f"{self.path.parent}: cannot write metrics: {error.strerror or error}") from None
 
     def _append(self, row: Mapping[str, Any]) -> None:
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
+        append_plain(self.path, json.dumps(row) + "\n")
         for key, value in row.items():
             if isinstance(value, int | float) and key != "steps":
                 self.writer.add_scalar(key, value, row["steps"])

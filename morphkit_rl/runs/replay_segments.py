@@ -10,6 +10,7 @@ import numpy as np
 
 from morphkit_rl.buffers.replay_buffer import FIELDS, ReplayBuffer
 from morphkit_rl.runs import checkpoint
+from morphkit_rl.runs.run_folder import REPLAY
 
 Segment = Mapping[str, Any]
 """`file` and the sweeps `first` to `last` (exclusive) that it holds."""
@@ -40,7 +41,7 @@ def save_segments(run: Path, buffers: Sequence[ReplayBuffer]) -> list[Segment]:
             new = buffer.finals.numbers >= first * buffer.num_envs
             arrays[f"{number}/finals/numbers"] = buffer.finals.numbers[new]
             arrays[f"{number}/finals/obs"] = buffer.finals.obs[new]
-        checkpoint.save_arrays(run / "replay" / file, arrays)
+        checkpoint.save_arrays(run / REPLAY / file, arrays)
         segments.append({"file": file, "first": first, "last": added})
     return segments
 
@@ -70,7 +71,7 @@ def load_segments(
         CheckpointError: A segment is missing or damaged.
     """
     for segment in segments:
-        arrays = checkpoint.load_arrays(run / "replay" / segment["file"])
+        arrays = checkpoint.load_arrays(run / REPLAY / segment["file"])
         for number, buffer in enumerate(buffers):
             rows = buffer.rows(segment["first"], segment["last"])
             for name in FIELDS:

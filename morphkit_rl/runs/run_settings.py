@@ -6,7 +6,7 @@ import hashlib
 import json
 import re
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
@@ -18,10 +18,13 @@ from morphkit.morphology import Base
 from morphkit.naming.limbs import canonical_limb_names
 from morphkit.readers import read as read_robot
 from morphkit.tokens.spec import TokenSpec
+from morphkit.utils.atomic_write import write_atomically, write_text
+from morphkit.utils.plain_files import read_plain
 from morphkit.utils.suggest import did_you_mean_or_list
 from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.envs.robot import Robot, prepare
-from morphkit_rl.runs import checkpoint
+from morphkit_rl.runs import run_folder
+from morphkit_rl.runs.run_folder import CONFIG, ROBOT_NAME, ROBOTS
 from morphkit_rl.text.encoder import TextEncoder
 
 PACKAGES = ("morphkit", "mujoco", "torch", "transformers", "numpy", "gymnasium")
@@ -105,10 +108,9 @@ def create(run: Path, settings: RunSettings) -> None:
     Raises:
         OutputError: The folder cannot be written or holds files.
     """
-    checkpoint.create_run(run)
-    (run / "robots").mkdir()
+    run_folder.create_run(run)
     for number, robot in enumerate((*settings.robots, *settings.validation)):
-        (run / "robots" / _source_file(number, robot)).write_bytes(robot.source)
+        write_atomically(run / ROBOTS / _source_file(number, robot), _writer(robot.source))
     if settings.config.text.naming == "canonical":
         robots, validation = (tuple(map(_with_names, part)) for part in (settings.robots, settings.validation))
         settings = replace(settings, robots=robots, validation=validation)
@@ -128,15 +130,12 @@ def read(run: Path) -> dict[str, Any]:
     """Read `config.json`.
 
     Raises:
-        CheckpointError: It is missing or damaged.
+        CheckpointError: It is missing or damaged, or the run folder holds links.
     """
-    path = run / "config.json"
-    if not run.is_dir():
-        raise CheckpointError(f"{run}: no such run folder")
-    if not path.is_file():
-        raise CheckpointError(f"{run}: not a run folder: it has no config.json")
+    run_folder.require_run(run)
+    path = run / CONFIG
     try:
-        saved: dict[str, Any] = json.loads(path.read_text())
+        saved: dict[str, Any] = json.loads(read_plain(path))
         saved["config"], saved["robots"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise CheckpointError(f"{path}: damaged: {error}") from None
@@ -208,7 +207,7 @@ def _write(run: Path, settings: RunSettings, about: Mapping[str, Any]) -> None:
         **{name: getattr(settings, name) for name in ("task", "base", "seed", "minutes", "steps", "device", "threads")},
         **about,
     }
-    checkpoint.write_text(run / "config.json", json.dumps(values, indent=2) + "\n")
+    write_text(run / CONFIG, json.dumps(values, indent=2) + "\n")
 
 
 def _with_names(robot: Description) -> Description:
@@ -238,6 +237,8 @@ def _robot_to_json(number: int, robot: Description) -> dict[str, Any]:
 
 
 def _robot_from_json(run: Path, entry: Mapping[str, Any]) -> Description:
+    if not ROBOT_NAME.fullmatch(entry["source"]):
+        raise CheckpointError(f"{run / CONFIG}: damaged: {entry['source']!r} is no name of a robot's file")
     info = dict(entry["info"])
     info["type_words"] = tuple(tuple(words) for words in info["type_words"])
     if info["healthy_height"] is not None:
@@ -246,15 +247,19 @@ def _robot_from_json(run: Path, entry: Mapping[str, Any]) -> Description:
         name=entry["name"],
         file=entry["file"],
         format=entry["format"],
-        source=(run / "robots" / entry["source"]).read_bytes(),
+        source=read_plain(run / ROBOTS / entry["source"]),
         folder=Path(entry["folder"]) if entry["folder"] else None,
         info=RobotInfo(**info),
         root=entry["root"],
         packages={name: Path(folder) for name, folder in entry.get("packages", {}).items()},
     )
     if robot.sha256 != entry["sha256"]:
-        raise CheckpointError(f"{run / 'robots' / entry['source']}: changed since the run began")
+        raise CheckpointError(f"{run / ROBOTS / entry['source']}: changed since the run began")
     return robot
+
+
+def _writer(source: bytes) -> Callable[[Path], object]:
+    return lambda file: file.write_bytes(source)
 
 
 def _git_commit(file: Path = Path(__file__)) -> str | None:

@@ -15,7 +15,7 @@ from morphkit.description import Description
 from morphkit.errors import TrainingError
 from morphkit.morphology import Base
 from morphkit_rl.config.train_config import TrainConfig
-from morphkit_rl.runs import checkpoint, run_settings
+from morphkit_rl.runs import checkpoint, run_folder, run_settings
 from morphkit_rl.runs.lock import alone
 from morphkit_rl.runs.metrics_log import MetricsLog
 from morphkit_rl.training.interrupts import Interrupts
@@ -109,6 +109,7 @@ def resume(
     settings = run_settings.load(run)
     checkpoint.require_folder(run)
     with alone(run):
+        run_folder.clear_temporaries(run)
         if minutes is not None or steps is not None:
             settings = run_settings.with_budget(run, settings, minutes, steps)
         torch.set_num_threads(settings.threads)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections.abc import Mapping, Sequence
 from importlib import metadata
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from morphkit.errors import OutputError
+from morphkit.utils.plain_files import require_plain
 from morphkit.utils.staging import staged_folder
 from morphkit_rl.benchmark.cells import Status, read_matrix
 from morphkit_rl.benchmark.definition import load_benchmark
@@ -23,6 +25,7 @@ from morphkit_rl.benchmark.summary import Entry, Improvement, Overall, improveme
 
 MARKER = "report.json"
 """The file by which a folder is known to be a report, and may be replaced by a newer one."""
+_OWN_NAME = re.compile(r"report\.(md|json)|(cells|tasks|robots)\.csv|(training|scores|zero-shot)-split-.+\.png")
 
 
 def write_report(matrix: Path, folder: Path) -> list[Path]:
@@ -41,8 +44,7 @@ def write_report(matrix: Path, folder: Path) -> list[Path]:
         DependencyError: matplotlib is not installed.
     """
     cells = read_matrix(matrix)
-    if folder.exists() and (not folder.is_dir() or (any(folder.iterdir()) and not (folder / MARKER).is_file())):
-        raise OutputError(f"{folder}: exists and is no report of a benchmark; choose another --out")
+    _check_target(folder)
     published = load_benchmark()
     # The study's splits show all of the study's panels; splits of one's own show what was asked for.
     splits = list(dict.fromkeys(each.cell.split for each in cells))
@@ -75,6 +77,19 @@ def write_report(matrix: Path, folder: Path) -> list[Path]:
         values = _values(matrix, cells, entries, totals, pairs)
         (stage / MARKER).write_text(json.dumps(values, indent=1, allow_nan=False) + "\n", "utf-8")
     return sorted(folder.iterdir())
+
+
+def _check_target(folder: Path) -> None:
+    """Refuse to replace what is not an earlier report and nothing else."""
+    require_plain(folder, OutputError)
+    if not folder.exists():
+        return
+    names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    if not folder.is_dir() or (names and MARKER not in names):
+        raise OutputError(f"{folder}: exists and is no report of a benchmark; choose another --out")
+    others = [name for name in names if not _OWN_NAME.fullmatch(name) or (folder / name).is_dir()]
+    if others:
+        raise OutputError(f"{folder}: holds other files than a report, such as {others[0]}; choose another --out")
 
 
 def cell_row(cell: Status) -> dict[str, Any]:

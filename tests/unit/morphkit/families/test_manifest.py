@@ -287,3 +287,18 @@ def test_the_manifest_of_another_program_is_no_hindrance(tmp_path):
     (tmp_path / "manifest.json").write_text('{"short_name": "web"}')
     (tmp_path / "r.xml").write_bytes(load("cheetah").source)
     assert load(tmp_path / "r.xml").name == "r"
+
+
+@pytest.mark.parametrize("what", ["folder", "manifest.json", "variant"])
+def test_a_family_with_links_is_refused(tmp_path, what):
+    source, variants = family()
+    folder = tmp_path / "family"
+    write_family(source, variants, folder)
+    place = {"folder": folder, "variant": folder / variants[0].description.file}.get(what, folder / what)
+    place.rename(tmp_path / "moved")
+    place.symlink_to(tmp_path / "moved")
+    with pytest.raises(DescriptionError, match=f"{place.name}: is a link to"):
+        load_all(folder)
+    with pytest.raises(OutputError):
+        write_family(source, variants, folder)
+    assert (tmp_path / "moved").exists()

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 import pytest
 
 from morphkit.errors import OutputError
-from morphkit.utils.atomic_write import write_output, write_text
+from morphkit.utils.atomic_write import temporary_names, write_atomically, write_output, write_text
 
 
 def test_a_file_that_cannot_be_written_whole_leaves_the_old_one_and_nothing_else(
@@ -40,3 +41,41 @@ def test_a_file_where_a_folder_should_be_is_explained(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
     with pytest.raises(OutputError, match="cannot write"):
         write_output(tmp_path / "file" / "a.txt", lambda path: path.write_text("y"))
+
+
+@pytest.mark.parametrize("umask", [0o022, 0o027, 0o077, 0o002])
+def test_a_file_has_the_mode_that_the_umask_gives(tmp_path: Path, umask: int) -> None:
+    def private(target: Path) -> None:
+        other = target.with_name("other")
+        other.write_bytes(b"x")
+        other.chmod(0o600)
+        other.replace(target)
+
+    before = os.umask(umask)
+    try:
+        write_atomically(tmp_path / "a", private)
+        write_text(tmp_path / "b", "x")
+    finally:
+        os.umask(before)
+    for name in ("a", "b"):
+        assert (tmp_path / name).stat().st_mode & 0o777 == 0o666 & ~umask
+
+
+def test_a_temporary_name_that_is_taken_is_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / ".file.00000000.txt").symlink_to(tmp_path / "mine")
+    (tmp_path / ".file.11111111.txt").write_text("mine too")
+    tokens = iter(("00000000", "11111111", "22222222"))
+    monkeypatch.setattr("secrets.token_hex", lambda _: next(tokens))
+    write_text(tmp_path / "file.txt", "new")
+    assert (tmp_path / "file.txt").read_text() == "new"
+    assert (tmp_path / "mine").read_text() == "mine"
+    assert (tmp_path / ".file.11111111.txt").read_text() == "mine too"
+
+
+def test_names_of_temporary_files_are_known(tmp_path: Path) -> None:
+    for name in ("metrics.jsonl", "latest", "long" * 40 + ".txt"):
+        seen: list[str] = []
+        write_atomically(tmp_path / name, lambda file, seen=seen: (seen.append(file.name), file.write_text("x")))
+        assert re.fullmatch(temporary_names(tmp_path / name), seen[0])
+        assert not re.fullmatch(temporary_names(tmp_path / name), name)

@@ -245,3 +245,19 @@ def test_a_report_is_replaced_but_nothing_else_is(matrix: Path, report: Path, tm
     with pytest.raises(CheckpointError, match="no such folder"):
         write_report(tmp_path / "none", tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("other", ["notes.md", "pictures/a.png", "link"])
+def test_a_report_with_other_files_is_left_alone(other: str, report: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "report"
+    folder.mkdir()
+    (folder / "report.json").write_text("{}")
+    place = folder / other
+    place.parent.mkdir(exist_ok=True)
+    if other == "link":
+        place.symlink_to(tmp_path)
+    else:
+        place.write_text("mine")
+    with pytest.raises(OutputError, match=r"holds other files than a report|is a link to"):
+        write_report(report.parent, folder)
+    assert place.exists()

@@ -1,0 +1,47 @@
+"""Conversions into folders of strangers."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from morphkit.conversion.convert import convert
+from morphkit.conversion.write import write_conversion
+from tests.support.small_robots import arm
+
+
+@pytest.mark.parametrize("link", [False, True])
+def test_what_a_killed_conversion_is_said_to_have_placed_is_removed_only_if_it_is_of_its_making(
+    tmp_path: Path, link: bool
+) -> None:
+    mine = tmp_path / "mine"
+    mine.write_text("mine")
+    folder = tmp_path / "received"
+    stage = folder / ".robot.xml-abc.morphkit"
+    stage.mkdir(parents=True)
+    (folder / "robot_assets").mkdir()
+    names = ["../../mine", str(mine), "notes", "..", 5, None, ["a"], "part-01234567.obj"]
+    for name in ("notes", "part-01234567.obj"):
+        (folder / "robot_assets" / name).write_text("mine")
+    (stage / "lock").write_text("morphkit writes robot.xml")
+    placed = tmp_path / "placed" if link else stage / "placed"
+    placed.write_text(json.dumps(names))
+    if link:
+        (stage / "placed").symlink_to(placed)
+    write_conversion(convert(arm()), folder / "robot.xml", force=True)
+    assert mine.read_text() == "mine"
+    assert not stage.exists()
+    (folder / "robot.xml").unlink()
+
+
+def test_a_list_of_placed_files_that_makes_no_sense_is_passed_over(tmp_path: Path) -> None:
+    stage = tmp_path / ".robot.xml-abc.morphkit"
+    for text in ("{", "[" * 5000, "\xff", "5", "{}"):
+        stage.mkdir()
+        (tmp_path / "robot_assets").mkdir(exist_ok=True)
+        (stage / "lock").write_text("morphkit writes robot.xml")
+        (stage / "placed").write_bytes(text.encode("latin-1"))
+        write_conversion(convert(arm()), tmp_path / "robot.xml", force=True)
+        assert not stage.exists()
