@@ -37,6 +37,17 @@ XacroArgOption = Annotated[
 ]
 
 
+EncoderOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME_OR_FOLDER",
+        help="Text encoder of the run, where it does not ship with morphkit: a folder, or a name on the Hugging Face "
+        "hub. A run alone has none read or fetched.",
+        show_default="the run's, if it ships or MORPHKIT_ENCODERS lists it",
+    ),
+]
+
+
 def xacro_arguments(options: Sequence[str] | None, *targets: str) -> dict[str, dict[str, str]]:
     """What each of `targets` is to be read with: the arguments for a xacro file, nothing for another.
 

@@ -45,6 +45,7 @@ def evaluate(
         Path | None,
         typer.Option(metavar="FILE", help="Film an episode: an .mp4 or .gif; of several bodies, FILE-<body> each."),
     ] = None,
+    encoder: common.EncoderOption = None,
     xacro_arg: common.XacroArgOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, with the return of every episode.")] = False,
 ) -> None:
@@ -60,14 +61,14 @@ def evaluate(
 
     from morphkit_rl.evaluation.evaluate import evaluate as measure
 
-    found = measure(run, bodies, episodes=episodes, seed=seed, task=task, base=base)
+    found = measure(run, bodies, episodes=episodes, seed=seed, task=task, base=base, encoder=encoder)
     if as_json:
         common.print_json({"run": str(run), "episodes": episodes, "seed": seed, "robots": [_row(r) for r in found]})
     else:
         _print_table(found)
     _say_diverged(found)
     if video is not None:
-        _film(run, bodies, video, seed=seed, task=task, base=base)
+        _film(run, bodies, video, seed=seed, task=task, base=base, encoder=encoder)
 
 
 def _check_video(video: Path) -> None:
@@ -123,7 +124,7 @@ def _say_diverged(found: Sequence[RobotResult]) -> None:
                 typer.echo(f"{result.robot}: {every}{whose} ended because the simulation diverged", err=True)
 
 
-def _film(run: Path, bodies: Sequence[Description], video: Path, *, seed: int, task: str | None, base: Any) -> None:
+def _film(run: Path, bodies: Sequence[Description], video: Path, **options: Any) -> None:
     from morphkit.errors import DependencyError
     from morphkit.viewer.media import write_video
     from morphkit.viewer.render import render_frames, resample
@@ -132,7 +133,7 @@ def _film(run: Path, bodies: Sequence[Description], video: Path, *, seed: int, t
     for body in bodies:
         path = video if len(bodies) == 1 else video.with_name(f"{video.stem}-{body.name}{video.suffix}")
         typer.echo(f"filming {body.name}", err=True)
-        simulation, qpos, fps = record(run, body, seed=seed, task=task, base=base)
+        simulation, qpos, fps = record(run, body, **options)
         poses, fps = resample(qpos, fps)
         try:
             write_video(render_frames(simulation, poses, width=VIDEO_WIDTH, height=VIDEO_HEIGHT), path, fps)

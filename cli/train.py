@@ -65,6 +65,7 @@ def train(
         Literal["planar", "free", "fixed"] | None,
         typer.Option(help="How the root is attached to the world, where the file leaves it open."),
     ] = None,
+    encoder: common.EncoderOption = None,
     xacro_arg: common.XacroArgOption = None,
     device: Annotated[str | None, typer.Option(help="PyTorch device, such as cpu or cuda.", show_default="cpu")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
@@ -93,11 +94,14 @@ def train(
         given = [option for option, value in fixed.items() if value]
         if given:
             raise common.UsageError(f"a resumed run keeps its bodies and settings; leave out {', '.join(given)}.")
+    elif encoder is not None:
+        raise common.UsageError("--encoder goes with --resume; a new run takes --set text.encoder=NAME_OR_FOLDER.")
     elif not robots:
         raise common.UsageError("say what to train on: robots, files, folders or manifests.")
     bodies = common.load_bodies(robots, xacro_arg)
 
     from morphkit_rl.config.train_config import load_config
+    from morphkit_rl.text.model_files import SHIPPED
     from morphkit_rl.training import trainer
 
     from .progress import ProgressDisplay
@@ -106,10 +110,11 @@ def train(
     if resume:
 
         def start(show: Callable[[Progress], None]) -> TrainSummary:
-            return trainer.resume(run, minutes=minutes, steps=steps, progress=show)
+            return trainer.resume(run, minutes=minutes, steps=steps, encoder=encoder, progress=show)
 
     else:
         config = load_config(preset or "default", settings)
+        encoder = None if config.text.encoder == SHIPPED else config.text.encoder
 
         def start(show: Callable[[Progress], None]) -> TrainSummary:
             return trainer.train(
@@ -135,10 +140,11 @@ def train(
             title += f", {what}: {', '.join(names)}"
     with ProgressDisplay(title, quiet=quiet) as display:
         summary = start(display.update)
-    _report(summary, robots, as_json=as_json, quiet=quiet)
+    _report(summary, robots, encoder, as_json=as_json, quiet=quiet)
 
 
-def _report(summary: TrainSummary, robots: list[str], *, as_json: bool, quiet: bool) -> None:
+def _report(summary: TrainSummary, robots: list[str], encoder: str | None, *, as_json: bool, quiet: bool) -> None:
+    trusted = ["--encoder", encoder] if encoder else []
     if as_json:
         common.print_json(
             {
@@ -167,8 +173,9 @@ def _report(summary: TrainSummary, robots: list[str], *, as_json: bool, quiet: b
     if not summary.advanced:
         typer.echo("nothing left to do: the budget is used up; --steps or --minutes sets a larger one in all", err=True)
     if summary.interrupted:
-        run = shlex.quote(str(summary.run))
-        typer.echo(f"stopped at a checkpoint; go on with: morphkit train --run {run} --resume", err=True)
+        again = shlex.join(["--run", str(summary.run), "--resume", *trusted])
+        typer.echo(f"stopped at a checkpoint; go on with: morphkit train {again}", err=True)
         raise KeyboardInterrupt
     if not quiet and not as_json:
-        typer.echo(f"next: morphkit evaluate {shlex.join([str(summary.run), *(robots or ['ROBOT'])])}", err=True)
+        words = [str(summary.run), *(robots or ["ROBOT"]), *trusted]
+        typer.echo(f"next: morphkit evaluate {shlex.join(words)}", err=True)

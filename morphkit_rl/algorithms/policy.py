@@ -60,17 +60,24 @@ class Policy:
         self._latest: tuple[TokenSpec, Controller] | None = None  # finding a specification takes 30 us
 
     @classmethod
-    def load(cls, run: str | Path) -> Policy:
+    def load(cls, run: str | Path, *, encoder: str | None = None) -> Policy:
         """Load the latest checkpoint of a run folder.
+
+        Args:
+            run: The run folder.
+            encoder: Text encoder in place of the run's own, which needs your trust where it does not ship with
+                morphkit; see `run_settings.with_encoder`.
 
         Raises:
             CheckpointError: There is none, it is damaged, or it belongs to another method.
+            ConfigError: The run's text encoder does not ship with morphkit, and nobody said that it may be used.
             DependencyError: The text encoder is out of reach.
         """
         run = Path(run)
         folder, state = checkpoint.load_state(run)
         saved = run_settings.read(run)
         config = TrainConfig.from_dict(saved["config"], origin=str(run / "config.json"))
+        config = run_settings.with_encoder(config, run, encoder)
         arrays = checkpoint.load_arrays(folder / "policy.safetensors")
         try:
             vocabulary = Vocabulary.from_dict(state["vocabulary"])
@@ -79,14 +86,14 @@ class Policy:
             quantities = state["quantities"]
         except KeyError as error:
             raise CheckpointError(f"{folder}: damaged: it lacks {error}") from None
-        encoder = controlled(run_settings.make_encoder(config), config.text.control, vocabulary.texts)
-        embedder = TokenEmbedder(encoder, mean, std, arrays.get("embedding/components"))
+        source = controlled(run_settings.make_encoder(config), config.text.control, vocabulary.texts)
+        embedder = TokenEmbedder(source, mean, std, arrays.get("embedding/components"))
         normalizer = Normalizer()
         normalizer.load_state_dict(statistics, quantities)
-        if embedder.mean.shape != (encoder.size,):
+        if embedder.mean.shape != (source.size,):
             raise CheckpointError(
                 f"{folder}: made with embeddings of size {embedder.mean.size}; "
-                f"{config.text.encoder!r} gives {encoder.size}"
+                f"{config.text.encoder!r} gives {source.size}"
             )
         method = find_method(config.model.method)
         checkpoint.check_method(folder, state, method.name)

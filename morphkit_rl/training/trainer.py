@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +91,7 @@ def resume(
     *,
     minutes: float | None = None,
     steps: int | None = None,
+    encoder: str | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> TrainSummary:
     """Continue a run from its latest checkpoint, exactly as if it had never stopped.
@@ -98,22 +100,25 @@ def resume(
         run: The run folder.
         minutes: New budget of training time in all; default: the run's own.
         steps: New budget of environment steps in all; default: the run's own.
+        encoder: Text encoder in place of the run's own; see `Policy.load`.
         progress: Called about once a second.
 
     Raises:
         CheckpointError: The folder is no run, or its checkpoint is damaged or was deleted.
+        ConfigError: The run's text encoder does not ship with morphkit, and nobody said that it may be used.
         OutputError: Another process trains there, or the folder cannot be written.
         TrainingError: As `train`.
     """
     run = Path(run)
     settings = run_settings.load(run)
     checkpoint.require_folder(run)
+    trusted = run_settings.with_encoder(settings.config, run, encoder)
     with alone(run):
         run_folder.clear_temporaries(run)
         if minutes is not None or steps is not None:
             settings = run_settings.with_budget(run, settings, minutes, steps)
         torch.set_num_threads(settings.threads)
-        trainer = Trainer(settings)
+        trainer = Trainer(replace(settings, config=trusted))
         if checkpoint.has_checkpoint(run):
             trainer.clock.elapsed_s = trainer.session.restore(run)
         return trainer.run(run, progress)
