@@ -21,7 +21,7 @@ from morphkit_rl.config.methods import find_method
 from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.models.layout import Layout, build_layout
 from morphkit_rl.models.vocabulary import Vocabulary
-from morphkit_rl.runs import checkpoint, run_settings
+from morphkit_rl.runs import checkpoint, network_arrays, run_settings
 from morphkit_rl.text.baselines import controlled
 from morphkit_rl.text.embedder import TokenEmbedder
 from morphkit_rl.text.tuning import make_tuner
@@ -163,17 +163,17 @@ class Agent:
         networks = self.learner.networks()
         return {
             "policy": {
-                **checkpoint.module_arrays({"actor": networks.pop("actor")}),
+                **network_arrays.module_arrays({"actor": networks.pop("actor")}),
                 **{f"normalizer/{key}": array for key, array in self.normalizer.state_dict().items()},
                 "embedding/mean": self.embedder.mean,
                 "embedding/std": self.embedder.std,
                 **({} if self.embedder.components is None else {"embedding/components": self.embedder.components}),
             },
             "learner": {
-                **checkpoint.module_arrays(networks),
+                **network_arrays.module_arrays(networks),
                 **{f"returns/{key}": a for key, a in (self.returns.state_dict() if self.returns else {}).items()},
             },
-            "optimizer": checkpoint.optimizer_arrays(self.learner.optimizers()),
+            "optimizer": network_arrays.optimizer_arrays(self.learner.optimizers()),
         }
 
     def state(self) -> dict[str, Any]:
@@ -196,10 +196,18 @@ class Agent:
         checkpoint.check_method(folder, state, self.method.name)
         if state["token_texts"] != run_settings.texts_digest(self.robots.layout.specs):
             raise CheckpointError(f"{folder}: made for robots with other tokens than those of this run")
+        if state["quantities"] != self.normalizer.keys:
+            raise CheckpointError(f"{folder}: made for robots with other quantities than those of this run")
         policy = checkpoint.load_arrays(folder / "policy.safetensors")
         rest = checkpoint.load_arrays(folder / "learner.safetensors")
-        checkpoint.load_modules(self.learner.networks(), {**policy, **rest}, folder)
-        checkpoint.load_optimizers(self.learner.optimizers(), checkpoint.load_arrays(folder / "optimizer.safetensors"))
+        optimizer = checkpoint.load_arrays(folder / "optimizer.safetensors", infinite=True)
+        own = self.arrays()
+        numbers = {key: array for key, array in own["policy"].items() if key.startswith(("normalizer/", "embedding/"))}
+        network_arrays.require_shapes(policy, numbers, folder / "policy.safetensors")
+        returns = {key: array for key, array in own["learner"].items() if key.startswith("returns/")}
+        network_arrays.require_shapes(rest, returns, folder / "learner.safetensors")
+        network_arrays.load_modules(self.learner.networks(), {**policy, **rest}, folder)
+        network_arrays.load_optimizers(self.learner.optimizers(), optimizer, folder / "optimizer.safetensors")
         statistics = {key: policy[f"normalizer/{key}"] for key in ("count", "mean", "m2")}
         self.normalizer.load_state_dict(statistics, state["quantities"])
         self.embedder.mean, self.embedder.std = policy["embedding/mean"], policy["embedding/std"]

@@ -20,7 +20,8 @@ from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.models import build
 from morphkit_rl.models.layout import build_layout
 from morphkit_rl.models.vocabulary import Vocabulary
-from morphkit_rl.runs import checkpoint, run_settings
+from morphkit_rl.runs import checkpoint, network_arrays, run_settings
+from morphkit_rl.runs.trusted_encoder import with_encoder
 from morphkit_rl.text.baselines import controlled
 from morphkit_rl.text.embedder import TokenEmbedder
 from morphkit_rl.text.tuning import make_tuner
@@ -66,7 +67,7 @@ class Policy:
         Args:
             run: The run folder.
             encoder: Text encoder in place of the run's own, which needs your trust where it does not ship with
-                morphkit; see `run_settings.with_encoder`.
+                morphkit; see `trusted_encoder.with_encoder`.
 
         Raises:
             CheckpointError: There is none, it is damaged, or it belongs to another method.
@@ -76,30 +77,36 @@ class Policy:
         run = Path(run)
         folder, state = checkpoint.load_state(run)
         saved = run_settings.read(run)
-        config = TrainConfig.from_dict(saved["config"], origin=str(run / "config.json"))
-        config = run_settings.with_encoder(config, run, encoder)
+        config = run_settings.train_config(run, saved)
+        config = with_encoder(config, run, encoder)
         arrays = checkpoint.load_arrays(folder / "policy.safetensors")
+        vocabulary, quantities = Vocabulary.from_dict(state["vocabulary"]), state["quantities"]
+        origin = folder / "policy.safetensors"
+        network_arrays.require_sizes([config.model], vocabulary, arrays, origin)
+        counts = {f"normalizer/{key}": np.zeros(len(quantities)) for key in ("count", "mean", "m2")}
+        network_arrays.require_shapes(arrays, counts, origin)
+        statistics = {key.removeprefix("normalizer/"): arrays[key] for key in counts}
         try:
-            vocabulary = Vocabulary.from_dict(state["vocabulary"])
             mean, std = arrays["embedding/mean"], arrays["embedding/std"]
-            statistics = {key: arrays[f"normalizer/{key}"] for key in ("count", "mean", "m2")}
-            quantities = state["quantities"]
         except KeyError as error:
-            raise CheckpointError(f"{folder}: damaged: it lacks {error}") from None
+            raise CheckpointError(f"{origin}: damaged: it lacks {error}") from None
         source = controlled(run_settings.make_encoder(config), config.text.control, vocabulary.texts)
         embedder = TokenEmbedder(source, mean, std, arrays.get("embedding/components"))
         normalizer = Normalizer()
         normalizer.load_state_dict(statistics, quantities)
-        if embedder.mean.shape != (source.size,):
+        if not mean.shape == std.shape == (source.size,):
             raise CheckpointError(
-                f"{folder}: made with embeddings of size {embedder.mean.size}; "
-                f"{config.text.encoder!r} gives {source.size}"
+                f"{folder}: made with embeddings of size {mean.size}; {config.text.encoder!r} gives {source.size}"
             )
+        components = embedder.components
+        if components is not None and (components.ndim != 2 or len(components) != source.size):
+            raise CheckpointError(f"{origin}: damaged: embedding/components is {components.shape}")
         method = find_method(config.model.method)
         checkpoint.check_method(folder, state, method.name)
         tune = make_tuner(config.text.tune, embedder, vocabulary.texts)
-        actor, _ = build(config.model, embedder.size, vocabulary, tune)
-        checkpoint.load_modules({"actor": actor}, arrays, folder / "policy.safetensors")
+        with run_settings.buildable(run):
+            actor, _ = build(config.model, embedder.size, vocabulary, tune)
+        network_arrays.load_modules({"actor": actor}, arrays, origin)
         return cls(actor, normalizer, embedder, config, [robot["name"] for robot in saved["robots"]], vocabulary)
 
     def act(self, spec: TokenSpec, obs: np.ndarray) -> np.ndarray:

@@ -15,9 +15,11 @@ from typing import Any, Literal
 from morphkit.description import Description
 from morphkit.errors import CheckpointError, ConfigError, OutputError
 from morphkit.utils.atomic_write import write_text
-from morphkit.utils.plain_files import read_plain, require_plain
+from morphkit.utils.plain_files import require_plain
+from morphkit_rl.benchmark import cell_schema
 from morphkit_rl.benchmark.bodies import Bodies
 from morphkit_rl.config.train_config import TrainConfig
+from morphkit_rl.runs import schema
 from morphkit_rl.runs.lock import locked, owner
 from morphkit_rl.runs.metrics_log import read_metrics
 
@@ -120,7 +122,7 @@ def create(plans: Sequence[MatrixPlan], matrix: Path) -> None:
     """
     fresh = []
     for path in _cell_files(matrix):
-        if read_json(path).get("validate") not in {plan.validate for plan in plans}:
+        if read_plan(path)["validate"] not in {plan.validate for plan in plans}:
             raise ConfigError(f"{matrix}: some of its cells {_KINDS[not plans[0].validate]}; choose another --out")
     for plan in plans:
         folder = plan.cell.folder(matrix)
@@ -129,7 +131,7 @@ def create(plans: Sequence[MatrixPlan], matrix: Path) -> None:
         if not (folder / CELL).is_file():
             fresh.append((folder, values))
             continue
-        difference = _difference(read_json(folder / CELL), values)
+        difference = _difference(read_plan(folder / CELL), values)
         if difference:
             raise ConfigError(f"{folder}: exists with other settings ({difference}); choose another --out")
     try:
@@ -172,20 +174,17 @@ def read_cell(folder: Path) -> Status:
     Raises:
         CheckpointError: One of its files is damaged.
     """
-    plan = read_json(folder / CELL)
-    try:
-        cell = Cell(plan["split"], plan["task"], plan["method"], plan["seed"])
-    except KeyError as error:
-        raise CheckpointError(f"{folder / CELL}: damaged: it has no {error}") from None
+    plan = read_plan(folder / CELL)
+    cell = Cell(plan["split"], plan["task"], plan["method"], plan["seed"])
     held_by, alive = owner(folder)
-    result = read_json(folder / RESULT) if (folder / RESULT).is_file() else None
+    result = schema.read(folder / RESULT, cell_schema.CellResult) if (folder / RESULT).is_file() else None
     state: State
     if held_by and alive:
         state, detail = "running", str(held_by)
     elif result is not None:
         state, detail = "done", ""
     elif (folder / FAILURE).is_file():
-        state, detail = "failed", str(read_json(folder / FAILURE).get("message", ""))
+        state, detail = "failed", str(schema.read(folder / FAILURE, cell_schema.CellFailure)["message"])
     elif (folder / RUN).is_dir():
         state, detail = "stopped", f"{held_by} died" if held_by else ""
     else:
@@ -193,19 +192,13 @@ def read_cell(folder: Path) -> Status:
     return Status(cell, folder, plan, state, detail, result)
 
 
-def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON object.
+def read_plan(path: Path) -> dict[str, Any]:
+    """Read a `cell.json`.
 
     Raises:
-        CheckpointError: It cannot be read.
+        CheckpointError: It is missing or damaged.
     """
-    try:
-        values = json.loads(read_plain(path))
-    except (OSError, ValueError) as error:
-        raise CheckpointError(f"{path}: damaged: {error}") from None
-    if not isinstance(values, dict):
-        raise CheckpointError(f"{path}: damaged: expected an object")
-    return values
+    return schema.read(path, cell_schema.CellPlan, lacking="has no")
 
 
 def _hashes(descriptions: Iterable[Description]) -> dict[str, str]:

@@ -14,9 +14,10 @@ import numpy as np
 
 from morphkit.errors import MorphkitError
 from morphkit.utils.atomic_write import write_text
-from morphkit_rl.benchmark import cells
+from morphkit_rl.benchmark import cell_schema, cells
 from morphkit_rl.benchmark.cells import MatrixPlan
 from morphkit_rl.evaluation.evaluate import RobotResult, evaluate
+from morphkit_rl.runs import schema
 from morphkit_rl.runs.lock import hold
 from morphkit_rl.runs.metrics_log import read_metrics
 from morphkit_rl.training import trainer
@@ -109,7 +110,7 @@ def _evaluate(plan: MatrixPlan, folder: Path) -> None:
     values = {
         "format_version": cells.FORMAT_VERSION,
         "evaluated": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        **cells.read_json(folder / cells.TRAINING),
+        **schema.read(folder / cells.TRAINING, cell_schema.CellTraining),
         "real_steps": last.get("real_steps", last.get("steps")),
         "diverged": last.get("diverged"),
         "training_return": final_training_return(metrics),
@@ -123,7 +124,7 @@ def final_training_return(metrics: Sequence[dict[str, Any]]) -> float | None:
     if not metrics:
         return None
     begin = (1 - FINAL_SHARE) * metrics[-1]["steps"]
-    values = [row["return_mean"] for row in metrics if row["steps"] >= begin and row["return_mean"] is not None]
+    values = [row["return_mean"] for row in metrics if row["steps"] >= begin and row.get("return_mean") is not None]
     return float(np.mean(values)) if values else None
 
 

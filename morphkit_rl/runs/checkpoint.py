@@ -6,26 +6,27 @@ names the newest. The replay is kept next to them, see `replay_segments`.
 
 from __future__ import annotations
 
+import hashlib
 import json
-import textwrap
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
-from torch import nn
+from safetensors.numpy import load as load_bytes
+from safetensors.numpy import save_file
 
 from morphkit.errors import CheckpointError, MorphkitError, OutputError
 from morphkit.utils.atomic_write import write_atomically, write_text
 from morphkit.utils.plain_files import read_plain
-from morphkit_rl.runs import run_folder
-from morphkit_rl.runs.run_folder import CHECKPOINT_NAME, CHECKPOINTS, LATEST, SEGMENT_NAME
+from morphkit_rl.runs import run_folder, schema
+from morphkit_rl.runs.run_folder import CHECKPOINT_NAME, CHECKPOINTS, LATEST
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
+_WITHOUT_DIGESTS = 2  # the version before, which is still read
+_STATE = "state.json"
 
 
 @contextmanager
@@ -71,9 +72,10 @@ def save(run: Path, tensors: Mapping[str, Mapping[str, np.ndarray]], state: Mapp
     temporary.mkdir(parents=True)
     for file, arrays in tensors.items():
         save_arrays(temporary / f"{file}.safetensors", arrays)
-    sizes = {path.name: path.stat().st_size for path in sorted(temporary.iterdir())}
-    whole = {"format_version": FORMAT_VERSION, **state, "files": sizes}
-    write_text(temporary / "state.json", json.dumps(whole, indent=1), durable=True)
+    files = {path.name: describe(path) for path in sorted(temporary.iterdir())}
+    whole = json.loads(json.dumps({"format_version": FORMAT_VERSION, **state, "files": files}))
+    whole["sha256"] = schema.digest(whole)
+    write_text(temporary / _STATE, json.dumps(whole, indent=1), durable=True)
     temporary.rename(folder / name)
     write_text(folder / LATEST, name + "\n", durable=True)
     run_folder.clear_checkpoints(run, keep=name)
@@ -102,29 +104,44 @@ def load_state(run: Path) -> tuple[Path, dict[str, Any]]:
         The checkpoint's folder and its `state.json`.
 
     Raises:
-        CheckpointError: There is none, it was cut short, or the run folder holds links.
+        CheckpointError: There is none, something of it is damaged, or the run folder holds links.
     """
+    folder, state = _read_state(run)
+    for name, file in state["files"].items():
+        if isinstance(file, dict):
+            _check_digest(folder / name, file["sha256"], read_plain(folder / name))
+    return folder, state
+
+
+def _read_state(run: Path) -> tuple[Path, dict[str, Any]]:
+    """`load_state` without a look into the large files."""
     run_folder.require_run(run)
     if not has_checkpoint(run):
         raise CheckpointError(f"{run}: holds no checkpoint (the run was stopped before its first checkpoint)")
     folder = run / CHECKPOINTS / _latest(run)
-    try:
-        state = json.loads(read_plain(folder / "state.json"))
-        version, sizes = state["format_version"], state["files"]
-        names = [segment["file"] for segment in state["segments"]]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise CheckpointError(f"{folder / 'state.json'}: damaged or missing: {error}") from None
-    if version != FORMAT_VERSION:
-        raise CheckpointError(f"{folder}: format version {version}; this morphkit reads version {FORMAT_VERSION}")
-    for name in names:
-        if not SEGMENT_NAME.fullmatch(name):
-            raise CheckpointError(f"{folder / 'state.json'}: damaged: {name!r} is no name of a replay segment")
-    for name, size in sizes.items():
-        path = folder / name
+    place = folder / _STATE
+    state = schema.read(place, schema.State)
+    for name, file in state["files"].items():
+        path, size = folder / name, file["size"] if isinstance(file, dict) else file
         if not path.is_file() or path.stat().st_size != size:
             found = f"{path.stat().st_size} bytes" if path.is_file() else "nothing"
             raise CheckpointError(f"{path}: cut short: expected {size} bytes, found {found}")
+    if unknown := sorted({path.name for path in folder.glob("*.safetensors")} - state["files"].keys()):
+        raise CheckpointError(f"{place}: damaged: it says nothing of {unknown[0]}")
+    if state["format_version"] > _WITHOUT_DIGESTS and schema.digest(state) != state["sha256"]:
+        raise CheckpointError(f"{place}: damaged: its content has another SHA-256 than it says")
     return folder, state
+
+
+def describe(path: Path) -> dict[str, Any]:
+    """Size and SHA-256 of a file, as a state holds them."""
+    with path.open("rb") as file:
+        return {"size": path.stat().st_size, "sha256": hashlib.file_digest(file, "sha256").hexdigest()}
+
+
+def _check_digest(path: Path, expected: str, content: bytes) -> None:
+    if hashlib.sha256(content).hexdigest() != expected:
+        raise CheckpointError(f"{path}: damaged: its SHA-256 is not the one that it was written with")
 
 
 def _latest(run: Path) -> str:
@@ -145,7 +162,7 @@ def _latest(run: Path) -> str:
 
 def segments(run: Path) -> list[dict[str, Any]]:
     """The replay segments of the latest checkpoint; none before the first."""
-    return list(load_state(run)[1]["segments"]) if has_checkpoint(run) else []
+    return list(_read_state(run)[1]["segments"]) if has_checkpoint(run) else []
 
 
 def check_method(folder: Path, state: Mapping[str, Any], method: str) -> None:
@@ -158,63 +175,31 @@ def check_method(folder: Path, state: Mapping[str, Any], method: str) -> None:
         raise CheckpointError(f"{folder}: a checkpoint of method {state.get('method')!r}, but the run says {method!r}")
 
 
-def load_arrays(path: Path) -> dict[str, np.ndarray]:
+def load_arrays(path: Path, *, sha256: str | None = None, infinite: bool = False) -> dict[str, np.ndarray]:
     """Read one safetensors file.
 
+    Args:
+        path: The file.
+        sha256: What its SHA-256 has to be; None where that was looked at.
+        infinite: Whether numbers may be infinite, as moments of an optimizer may.
+
     Raises:
-        CheckpointError: It is missing or damaged.
+        CheckpointError: It is missing or damaged, or holds numbers that are not finite.
     """
     try:
-        return load_file(path)
-    except (OSError, SafetensorError) as error:
+        content = read_plain(path)
+        if sha256 is not None:
+            _check_digest(path, sha256, content)
+        arrays = load_bytes(content)
+    except (OSError, SafetensorError, KeyError, TypeError, ValueError) as error:
+        if isinstance(error, CheckpointError):
+            raise
         raise CheckpointError(f"{path}: damaged or missing: {error}") from None
-
-
-def module_arrays(networks: Mapping[str, nn.Module]) -> dict[str, np.ndarray]:
-    """Parameters of several networks under `network/parameter`."""
-    return {
-        f"{name}/{key}": value.detach().cpu().numpy()
-        for name, network in networks.items()
-        for key, value in network.state_dict().items()
-    }
-
-
-def load_modules(networks: Mapping[str, nn.Module], arrays: Mapping[str, np.ndarray], origin: Path) -> None:
-    """Fill networks from `module_arrays`.
-
-    Raises:
-        CheckpointError: The parameters are those of another network.
-    """
-    for name, network in networks.items():
-        prefix = f"{name}/"
-        part = {key[len(prefix) :]: torch.from_numpy(a) for key, a in arrays.items() if key.startswith(prefix)}
-        try:
-            network.load_state_dict(part)
-        except RuntimeError as error:
-            reason = textwrap.shorten(str(error), 300, placeholder=" ...")
-            raise CheckpointError(f"{origin}: made for another method or size: {reason}") from None
-
-
-def optimizer_arrays(optimizers: Mapping[str, torch.optim.Optimizer]) -> dict[str, np.ndarray]:
-    """State of several optimizers under `optimizer/parameter number/name`."""
-    return {
-        f"{name}/{number}/{key}": value.detach().cpu().numpy()
-        for name, optimizer in optimizers.items()
-        for number, state in optimizer.state_dict()["state"].items()
-        for key, value in state.items()
-    }
-
-
-def load_optimizers(optimizers: Mapping[str, torch.optim.Optimizer], arrays: Mapping[str, np.ndarray]) -> None:
-    """Fill optimizers from `optimizer_arrays`."""
-    for name, optimizer in optimizers.items():
-        whole = optimizer.state_dict()
-        state: dict[int, dict[str, torch.Tensor]] = {}
-        for key, array in arrays.items():
-            owner, number, field = key.split("/")
-            if owner == name:
-                state.setdefault(int(number), {})[field] = torch.from_numpy(array)
-        optimizer.load_state_dict({**whole, "state": state})
+    for name, array in arrays.items():
+        whole = array.dtype.kind != "f" or not (np.isnan(array) if infinite else ~np.isfinite(array)).any()
+        if array.dtype.kind not in "fiub" or not whole:
+            raise CheckpointError(f"{path}: damaged: {name} holds what is no finite number")
+    return arrays
 
 
 def save_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:

@@ -30,6 +30,11 @@ class Owner:
     host: str
     since: float
 
+    def __post_init__(self) -> None:
+        kinds = (int, str, int | float)
+        if not all(map(isinstance, (self.pid, self.host, self.since), kinds)) or not self.host.isprintable():
+            raise TypeError("no owner")
+
     def __str__(self) -> str:
         return f"process {self.pid} on {self.host}"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,22 +12,24 @@ from morphkit.errors import CheckpointError, OutputError
 from morphkit.utils.atomic_write import write_text
 from morphkit.utils.plain_files import append_plain, read_plain, require_plain
 from morphkit_rl.runs.run_folder import METRICS
+from morphkit_rl.runs.schema import Row, parse
 
 
 def read_metrics(run: Path) -> list[dict[str, Any]]:
     """Rows of `metrics.jsonl`, oldest first; a last row that was cut short is left out.
 
     Raises:
-        CheckpointError: The run folder holds links.
+        CheckpointError: Another row is damaged, or the run folder holds links.
     """
     require_plain(run, CheckpointError)
     path = run / METRICS
-    rows: list[dict[str, Any]] = []
-    for line in read_plain(path).decode().splitlines() if path.is_file() else []:
-        try:
-            rows.append(json.loads(line))
-        except json.JSONDecodeError:
-            break
+    try:
+        lines = read_plain(path).split(b"\n") if path.is_file() else [b""]
+    except OSError as error:
+        raise CheckpointError(f"{path}: cannot be read: {error.strerror}") from None
+    rows = [parse(line, Row, f"{path}:{number}") for number, line in enumerate(lines[:-1], 1)]
+    with suppress(CheckpointError):
+        rows.append(parse(lines[-1], Row, str(path)))
     return rows
 
 

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
-import shlex
 import subprocess
-from collections.abc import Callable, Mapping, Sequence
+import textwrap
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from morphkit.description import Description, RobotInfo
-from morphkit.errors import CheckpointError, ConfigError, UnknownNameError
+from morphkit.description import Description
+from morphkit.errors import CheckpointError, ConfigError, MorphkitError, UnknownNameError
 from morphkit.morphology import Base
 from morphkit.naming.limbs import canonical_limb_names
 from morphkit.readers import read as read_robot
@@ -25,12 +25,10 @@ from morphkit.utils.plain_files import read_plain
 from morphkit.utils.suggest import did_you_mean_or_list
 from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.envs.robot import Robot, prepare
-from morphkit_rl.runs import run_folder
-from morphkit_rl.runs.run_folder import CONFIG, ROBOT_NAME, ROBOTS
+from morphkit_rl.runs import run_folder, schema
+from morphkit_rl.runs.run_folder import CONFIG, ROBOTS
 from morphkit_rl.text.encoder import TextEncoder
-from morphkit_rl.text.model_files import SHIPPED
 
-TRUSTED_ENCODERS = "MORPHKIT_ENCODERS"
 PACKAGES = ("morphkit", "mujoco", "torch", "transformers", "numpy", "gymnasium")
 
 
@@ -137,13 +135,35 @@ def read(run: Path) -> dict[str, Any]:
         CheckpointError: It is missing or damaged, or the run folder holds links.
     """
     run_folder.require_run(run)
-    path = run / CONFIG
+    return schema.read(run / CONFIG, schema.Config)
+
+
+def train_config(run: Path, saved: Mapping[str, Any]) -> TrainConfig:
+    """The settings of training in what `read` gave.
+
+    Raises:
+        CheckpointError: One does not exist, or has an impossible value.
+    """
     try:
-        saved: dict[str, Any] = json.loads(read_plain(path))
-        saved["config"], saved["robots"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise CheckpointError(f"{path}: damaged: {error}") from None
-    return saved
+        return TrainConfig.from_dict(saved["config"], origin=str(run / CONFIG))
+    except ConfigError as error:
+        raise CheckpointError(str(error)) from None
+
+
+@contextmanager
+def buildable(run: Path) -> Iterator[None]:
+    """Around what is built from the settings of a run, which may be anybody's.
+
+    Raises:
+        CheckpointError: The libraries refuse them, such as for their size.
+    """
+    try:
+        yield
+    except (RuntimeError, ValueError, TypeError, ArithmeticError, MemoryError) as error:
+        if isinstance(error, MorphkitError):
+            raise
+        reason = textwrap.shorten(str(error) or type(error).__name__, 200, placeholder=" ...")
+        raise CheckpointError(f"{run / CONFIG}: its settings cannot be used: {reason}") from None
 
 
 def load(run: Path) -> RunSettings:
@@ -158,11 +178,11 @@ def load(run: Path) -> RunSettings:
             tuple(_robot_from_json(run, entry) for entry in saved.get(part, ())) for part in ("robots", "validation")
         )
         fields = {name: saved[name] for name in ("task", "base", "seed", "minutes", "steps", "device", "threads")}
-        config = TrainConfig.from_dict(saved["config"], origin=str(run / "config.json"))
+        config = train_config(run, saved)
         hold_out = tuple(saved["hold_out"])
         return RunSettings(robots=robots, validation=validation, hold_out=hold_out, config=config, **fields)
-    except (OSError, KeyError, TypeError) as error:
-        raise CheckpointError(f"{run / 'config.json'}: damaged: {error}") from None
+    except (OSError, ConfigError) as error:
+        raise CheckpointError(f"{run / CONFIG}: damaged: {error}") from None
 
 
 def prepare_robot(
@@ -187,33 +207,6 @@ def with_names_of(saved: Mapping[str, Any], description: Description) -> Descrip
             info = replace(description.info, canonical=entry["info"]["canonical"] or description.info.canonical)
             return replace(description, info=info)
     return description
-
-
-def with_encoder(config: TrainConfig, run: Path, chosen: str | None) -> TrainConfig:
-    """Settings of a run with a text encoder that the user trusts.
-
-    A run may be somebody else's, and the encoder that its `config.json` names a folder, or a model that is fetched.
-
-    Args:
-        config: Settings of the run.
-        run: The run folder.
-        chosen: The user's encoder, which takes the place of the run's; None: the run's own, where it ships with
-            morphkit or is one of those, separated by commas, in `$MORPHKIT_ENCODERS`.
-
-    Raises:
-        ConfigError: There is none that the user trusts.
-    """
-    name = config.text.encoder
-    trusted = {SHIPPED, *(each.strip() for each in os.environ.get(TRUSTED_ENCODERS, "").split(","))} - {""}
-    if chosen is not None:
-        return replace(config, text=replace(config.text, encoder=chosen))
-    if name in trusted:
-        return config
-    raise ConfigError(
-        f"{run / CONFIG}: the run's text encoder {name!r} does not ship with morphkit, and nothing is read or fetched "
-        f"because a run says so. Where you trust it, give --encoder {shlex.quote(name)}, or a folder that holds it, "
-        f"or list it in the environment variable {TRUSTED_ENCODERS}"
-    )
 
 
 def make_encoder(config: TrainConfig) -> TextEncoder:
@@ -268,19 +261,13 @@ def _robot_to_json(number: int, robot: Description) -> dict[str, Any]:
 
 
 def _robot_from_json(run: Path, entry: Mapping[str, Any]) -> Description:
-    if not ROBOT_NAME.fullmatch(entry["source"]):
-        raise CheckpointError(f"{run / CONFIG}: damaged: {entry['source']!r} is no name of a robot's file")
-    info = dict(entry["info"])
-    info["type_words"] = tuple(tuple(words) for words in info["type_words"])
-    if info["healthy_height"] is not None:
-        info["healthy_height"] = tuple(info["healthy_height"])
     robot = Description(
         name=entry["name"],
         file=entry["file"],
         format=entry["format"],
         source=read_plain(run / ROBOTS / entry["source"]),
         folder=Path(entry["folder"]) if entry["folder"] else None,
-        info=RobotInfo(**info),
+        info=schema.robot_info(entry["info"], f"{run / CONFIG}: {entry['name']!r}"),
         root=entry["root"],
         packages={name: Path(folder) for name, folder in entry.get("packages", {}).items()},
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from morphkit_rl.envs.episode_counters import Episode
 from morphkit_rl.envs.robot import Robot
 from morphkit_rl.envs.step import Step
 from morphkit_rl.models.layout import Layout
+from morphkit_rl.runs.network_arrays import require_shapes
+from morphkit_rl.runs.schema import check_generators
 
 RECENT_EPISODES = 8
 
@@ -143,8 +146,16 @@ class Collector:
             "ended": self.ended.tolist(),
         }
 
-    def restore(self, arrays: dict[str, np.ndarray], state: Mapping[str, Any]) -> None:
-        """Take over what `arrays` and `state` gave; the replay is filled separately."""
+    def restore(self, arrays: dict[str, np.ndarray], state: Mapping[str, Any], origin: Path) -> None:
+        """Take over what `arrays` and `state` gave; the replay is filled separately.
+
+        Raises:
+            CheckpointError: They are of other robots or numbers of environments, or make no sense.
+        """
+        own = self.arrays()
+        own["generators"] = arrays.get("generators", own["generators"])  # text, of any length
+        require_shapes(arrays, own, origin, exactly=True)
+        check_generators(arrays["generators"].astype(np.uint8).tobytes(), f"{origin}: generators")
         self.obs = arrays.pop("trainer/obs")
         self.env.load_state_dict(arrays)
         self.steps, self.real_steps, self.episodes = state["steps"], state["real_steps"], state["episodes"]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from morphkit.errors import ConfigError
 from morphkit_rl.algorithms.actions import ActionRows
 from morphkit_rl.algorithms.agent import Agent
 from morphkit_rl.config.train_config import TrainerConfig
@@ -75,7 +76,13 @@ class Monitor:
         return {"done": self.done, "random": self._random}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take over what `state` gave."""
+        """Take over what `state` gave.
+
+        Raises:
+            ConfigError: It is of other robots.
+        """
+        if len(state["random"]) not in (0, len(self.robots)):
+            raise ConfigError(f"the evaluation's state is of {len(state['random'])} robots, not {len(self.robots)}")
         self.done, self._random = state["done"], list(state["random"])
 
     def close(self) -> None:

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from torch import Tensor
 
+from morphkit.errors import ConfigError
 from morphkit_rl.algorithms.agent import Agent
 from morphkit_rl.buffers.replay_buffer import Batch, ReplayBuffer, sample
 from morphkit_rl.config.train_config import TrainConfig
@@ -82,7 +83,7 @@ class Sweeps:
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Take over what `state` gave."""
-        self._first = np.array(state["first"], bool)
+        self._first = _like(self._first, state["first"])
 
 
 class Rounds:
@@ -137,9 +138,9 @@ class Rounds:
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Take over what `state` gave."""
-        self._over, self._counted = np.array(state["over"], bool), np.array(state["counted"], np.int64)
+        self._over, self._counted = _like(self._over, state["over"]), _like(self._counted, state["counted"])
         self.updates_due, self.updates_left = (
-            np.array(state[name], np.int64) for name in ("updates_due", "updates_left")
+            _like(self._counted, state[name]) for name in ("updates_due", "updates_left")
         )
 
     def _collect(self) -> None:
@@ -184,6 +185,18 @@ def make_schedule(
     if config.trainer.schedule == "rounds":
         return Rounds(config, agent, collector, rng)
     return Sweeps(config, agent, collector, rng, seed)
+
+
+def _like(own: np.ndarray, values: Any) -> np.ndarray:
+    """Saved values as an array like `own`.
+
+    Raises:
+        ConfigError: They are of other robots or numbers of environments.
+    """
+    array = np.array(values, own.dtype)
+    if array.shape != own.shape:
+        raise ConfigError(f"the schedule's state has shape {array.shape}, expected {own.shape}")
+    return array
 
 
 def _warm_up(config: TrainConfig, collector: Collector) -> bool:

@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from morphkit.errors import CheckpointError, ConfigError
+from morphkit.errors import CheckpointError, ConfigError, MorphkitError
 from morphkit_rl.algorithms.agent import Agent
+from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.kernels import library
-from morphkit_rl.runs import checkpoint, replay_segments, run_settings
+from morphkit_rl.models.vocabulary import Vocabulary
+from morphkit_rl.runs import checkpoint, network_arrays, replay_segments, run_settings
 from morphkit_rl.training.collector import Collector
 from morphkit_rl.training.periodic_evaluation import Monitor
 from morphkit_rl.training.schedules import make_schedule
@@ -92,14 +94,14 @@ class Session:
             self.agent.restore(folder, state)
             environments = checkpoint.load_arrays(folder / "environments.safetensors")
             newest = {key: environments.pop(key) for key in list(environments) if key.endswith("/newest")}
-            self.collector.restore(environments, state)
+            self.collector.restore(environments, state, folder / "environments.safetensors")
             replay_segments.load_segments(run, state["segments"], newest, self.collector.buffers, state["sweeps"])
             self.schedule.restore(state["schedule"])
             self.monitor.restore(state["evaluation"])
             self.rng.bit_generator.state = state["rng"]
             return float(state["elapsed_s"])
-        except (KeyError, ValueError, ConfigError) as error:
-            if isinstance(error, CheckpointError):
+        except (LookupError, ValueError, TypeError, ArithmeticError, RuntimeError) as error:
+            if isinstance(error, MorphkitError) and not isinstance(error, ConfigError):
                 raise
             raise CheckpointError(f"{folder}: does not fit the run: {error}") from None
 
@@ -107,3 +109,20 @@ class Session:
         """Stop the threads of the environments."""
         self.collector.env.close()
         self.monitor.close()
+
+
+def check_sizes(run: Path, config: TrainConfig) -> None:
+    """Refuse settings that the latest checkpoint cannot be of, before anything of such a size takes up memory.
+
+    Raises:
+        CheckpointError: There are such settings, or the checkpoint is damaged.
+    """
+    folder, state = checkpoint.load_state(run)
+    arrays = {}
+    for name in ("policy", "learner"):
+        arrays.update(checkpoint.load_arrays(folder / f"{name}.safetensors"))
+    sizes = (config.model, *([config.learner] if config.learner.critic == "perceptron" else []))
+    network_arrays.require_sizes(sizes, Vocabulary.from_dict(state["vocabulary"]), arrays, folder)
+    obs = checkpoint.load_arrays(folder / "environments.safetensors").get("trainer/obs")
+    if obs is None or len(obs) != config.trainer.num_envs:
+        raise CheckpointError(f"{folder}: made with another number of environments than {config.trainer.num_envs}")

@@ -19,9 +19,10 @@ from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.runs import checkpoint, run_folder, run_settings
 from morphkit_rl.runs.lock import alone
 from morphkit_rl.runs.metrics_log import MetricsLog
+from morphkit_rl.runs.trusted_encoder import with_encoder
 from morphkit_rl.training.interrupts import Interrupts
 from morphkit_rl.training.progress import Clock, Mark, Progress, TrainSummary
-from morphkit_rl.training.session import Session
+from morphkit_rl.training.session import Session, check_sizes
 
 DEFAULT_MINUTES = 10.0
 REPORT_SECONDS = 1.0
@@ -112,13 +113,16 @@ def resume(
     run = Path(run)
     settings = run_settings.load(run)
     checkpoint.require_folder(run)
-    trusted = run_settings.with_encoder(settings.config, run, encoder)
+    trusted = with_encoder(settings.config, run, encoder)
     with alone(run):
         run_folder.clear_temporaries(run)
         if minutes is not None or steps is not None:
             settings = run_settings.with_budget(run, settings, minutes, steps)
         torch.set_num_threads(settings.threads)
-        trainer = Trainer(replace(settings, config=trusted))
+        if checkpoint.has_checkpoint(run):
+            check_sizes(run, settings.config)
+        with run_settings.buildable(run):
+            trainer = Trainer(replace(settings, config=trusted))
         if checkpoint.has_checkpoint(run):
             trainer.clock.elapsed_s = trainer.session.restore(run)
         return trainer.run(run, progress)

@@ -1,1 +1,1 @@
-"""Broken robot files for the readers and for ablation; see `make fuzz`."""
+"""Broken robot files for the readers and for ablation, and broken run folders; see `make fuzz`."""
