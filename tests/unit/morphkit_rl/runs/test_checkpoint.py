@@ -117,7 +117,8 @@ STATES = {
     "schedule": 5, "schedule.name": "rounds", "schedule.first": [[2]], "schedule.first ": [[True]], "steps": 1.5,
     "updates": -1, "recent": [["a"]], "recent ": [], "segments": [{}], "segments ": [], "sweeps": 10**15,
     "elapsed_s": float("nan"), "quantities": ["position/x"], "vocabulary.scalars": 10**15, "precision": "float64",
-    "evaluation": None, "evaluation.random": [1.0] * 3, "method": ["limb-former"], "files": {}, "files ": {"../../a": 5}, "token_texts": "",
+    "evaluation": None, "evaluation.random": [1.0] * 3,
+    "method": ["limb-former"], "files": {}, "files ": {"../../a": 5}, "token_texts": "",
 }  # fmt: skip
 
 
