@@ -2,7 +2,7 @@
 #   make demo                     a family of bodies, one policy, a body it never saw (SEED=1 MINUTES=5 for others)
 #   make test | lint | bench      tests; style, types and import rules; measured speeds
 #   make docs                     the documentation site, in build/site; a broken link or reference fails
-#   make corpus | fuzz            other people's robots, read and cut; broken files, for minutes (outside CI)
+#   make corpus | fuzz            other people's robots, read and cut; attacks, for minutes (FUZZ_MINUTES=60 PART=xacro)
 # PYTHON=/path/to/python3.12 chooses the interpreter (3.11 or newer) that makes .venv.
 
 SHELL := bash
@@ -75,7 +75,7 @@ corpus: $(STAMP)
 
 FUZZ_MINUTES ?= 5
 fuzz: $(STAMP)
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.fuzz.run --minutes $(FUZZ_MINUTES)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.fuzz.run --minutes $(FUZZ_MINUTES) $(addprefix --part ,$(PART))
 
 clean:
 	rm -rf demo build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

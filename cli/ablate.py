@@ -98,6 +98,7 @@ def ablate(
     ] = None,
     package: common.PackageOption = None,
     xacro_arg: common.XacroArgOption = None,
+    trust_xacro: common.TrustXacroOption = False,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show what would go and what else would be lost; write nothing.")
     ] = False,
@@ -115,7 +116,7 @@ def ablate(
     from morphkit.ablation.ablate import Cutter
     from morphkit.families.write import write_family
 
-    (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg)
+    (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg, trust_xacro=trust_xacro)
     cutter = Cutter(description)
     source, notes = cutter.description, list[str]()
     check, drop = compiled and not dry_run, not keep_assets

@@ -30,6 +30,7 @@ def random(
     seed: Annotated[int, typer.Option(min=0, help="Seed of starts and controls.")] = 0,
     file: Annotated[Path | None, typer.Option(metavar="FILE", help=FILE_HELP)] = None,
     xacro_arg: common.XacroArgOption = None,
+    trust_xacro: common.TrustXacroOption = False,
     output_format: Annotated[
         Literal["table", "markdown", "json"], typer.Option("--format", help="How to print the returns.")
     ] = "table",
@@ -44,7 +45,7 @@ def random(
     from morphkit_rl.evaluation.random_policy import random_returns
 
     if robots:
-        descriptions = common.load_bodies(robots, xacro_arg)
+        descriptions = common.load_bodies(robots, xacro_arg, trust_xacro=trust_xacro)
     else:
         descriptions = [member.description for member in members(load_benchmark(file))]
     results = []

@@ -60,6 +60,7 @@ def check(
     ] = False,
     package: common.PackageOption = None,
     xacro_arg: common.XacroArgOption = None,
+    trust_xacro: common.TrustXacroOption = False,
 ) -> None:
     """Look for mistakes in robot description files, and say where they are, why they matter and how to mend them.
 
@@ -82,7 +83,7 @@ def check(
     unreadable: list[MorphkitError] = []  # the other files are checked all the same
     for file in dict.fromkeys(files):
         try:
-            reports.append(_check(file, packages, arguments[file], severity, deep=not quick))
+            reports.append(_check(file, packages, arguments[file], severity, deep=not quick, trust_xacro=trust_xacro))
         except MorphkitError as error:
             unreadable.append(error)
     if reports:
@@ -119,7 +120,13 @@ def _sarif(reports: Sequence[Report]) -> str:
 
 
 def _check(
-    file: str, packages: Mapping[str, Path], xacro_args: Mapping[str, str], severity: Severity, *, deep: bool
+    file: str,
+    packages: Mapping[str, Path],
+    xacro_args: Mapping[str, str],
+    severity: Severity,
+    *,
+    deep: bool,
+    trust_xacro: bool,
 ) -> Report:
     from morphkit.errors import DescriptionError
     from morphkit.validation.check import check as check_file
@@ -134,7 +141,7 @@ def _check(
             raise DescriptionError(
                 f"{file}: is cut when it is asked for; write it with 'morphkit ablate', then check it"
             )
-    report = check_file(path, packages=packages, xacro_args=xacro_args, shown=shown, deep=deep)
+    report = check_file(path, packages=packages, xacro_args=xacro_args, trust_xacro=trust_xacro, shown=shown, deep=deep)
     report.keep(severity)
     return report
 

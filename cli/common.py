@@ -47,6 +47,14 @@ EncoderOption = Annotated[
     ),
 ]
 
+TrustXacroOption = Annotated[
+    bool,
+    typer.Option(
+        "--trust-xacro",
+        help="Let .xacro files do what only those you trust may: read any file and the environment, and run any code.",
+    ),
+]
+
 
 def xacro_arguments(options: Sequence[str] | None, *targets: str) -> dict[str, dict[str, str]]:
     """What each of `targets` is to be read with: the arguments for a xacro file, nothing for another.
@@ -126,7 +134,11 @@ def duration(seconds: float) -> str:
 
 
 def load_robots(
-    *robots: str, root: str | None, package: Sequence[str] | None, xacro_arg: Sequence[str] | None
+    *robots: str,
+    root: str | None,
+    package: Sequence[str] | None,
+    xacro_arg: Sequence[str] | None,
+    trust_xacro: bool = False,
 ) -> list[Description]:
     """Load each of `robots` as `morphkit.registry.load` does, with the options of a command."""
     from morphkit.formats.packages import parse_packages
@@ -135,17 +147,21 @@ def load_robots(
     packages = parse_packages(package or ())
     arguments = xacro_arguments(xacro_arg, *robots)
     loaded = {
-        robot: load(robot, root=root, packages=packages, xacro_args=arguments[robot]) for robot in dict.fromkeys(robots)
+        robot: load(robot, root=root, packages=packages, xacro_args=arguments[robot], trust_xacro=trust_xacro)
+        for robot in dict.fromkeys(robots)
     }
     return [loaded[robot] for robot in robots]
 
 
-def load_bodies(targets: Sequence[str], xacro_args: Sequence[str] | None = None) -> list[Description]:
+def load_bodies(
+    targets: Sequence[str], xacro_args: Sequence[str] | None = None, *, trust_xacro: bool = False
+) -> list[Description]:
     """Load every body that the targets name: shipped robots, files, folders of files and manifests.
 
     Args:
         targets: What to load.
         xacro_args: NAME:=VALUE arguments of those that are xacro files.
+        trust_xacro: Whether those may do all that the library lets them do.
 
     Raises:
         UnknownNameError: Two different bodies have one name, so that results could not tell them apart.
@@ -155,7 +171,7 @@ def load_bodies(targets: Sequence[str], xacro_args: Sequence[str] | None = None)
 
     bodies: dict[str, Description] = {}
     for target, arguments in xacro_arguments(xacro_args, *targets).items():
-        for description in load_all(target, xacro_args=arguments):
+        for description in load_all(target, xacro_args=arguments, trust_xacro=trust_xacro):
             known = bodies.setdefault(description.name, description)
             if _differ(known, description):
                 raise UnknownNameError(

@@ -44,6 +44,7 @@ def convert(
     ] = None,
     package: common.PackageOption = None,
     xacro_arg: common.XacroArgOption = None,
+    trust_xacro: common.TrustXacroOption = False,
     force: Annotated[bool, typer.Option("--force", help="Replace OUT.xml and OUT_assets where they exist.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print what was done as JSON.")] = False,
 ) -> None:
@@ -55,7 +56,7 @@ def convert(
     from morphkit.conversion.write import check_target, write_conversion
 
     check_target(output, force=force)
-    (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg)
+    (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg, trust_xacro=trust_xacro)
     conversion = convert_description(description, base=base, floor=floor)
     written = write_conversion(conversion, output, force=force)
     if as_json:

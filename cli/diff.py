@@ -27,6 +27,7 @@ def diff(
     ] = None,
     package: common.PackageOption = None,
     xacro_arg: common.XacroArgOption = None,
+    trust_xacro: common.TrustXacroOption = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print every change as JSON.")] = False,
 ) -> None:
     """Show what changed from one robot to another: limbs, joints, actuators, masses and tokens.
@@ -36,7 +37,7 @@ def diff(
     """
     from morphkit.comparison.compare import compare
 
-    a, b = common.load_robots(first, second, root=root, package=package, xacro_arg=xacro_arg)
+    a, b = common.load_robots(first, second, root=root, package=package, xacro_arg=xacro_arg, trust_xacro=trust_xacro)
     comparison = compare(a, b, tolerance=tolerance)
     for robot, facts in ((first, comparison.first), (second, comparison.second)):
         for note in facts.notes:

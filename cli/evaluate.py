@@ -47,6 +47,7 @@ def evaluate(
     ] = None,
     encoder: common.EncoderOption = None,
     xacro_arg: common.XacroArgOption = None,
+    trust_xacro: common.TrustXacroOption = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, with the return of every episode.")] = False,
 ) -> None:
     """Run a trained policy on bodies, trained on or never seen, compared with a random policy.
@@ -57,7 +58,7 @@ def evaluate(
     """
     if video is not None:
         _check_video(video)
-    bodies = common.load_bodies(robots, xacro_arg)
+    bodies = common.load_bodies(robots, xacro_arg, trust_xacro=trust_xacro)
 
     from morphkit_rl.evaluation.evaluate import evaluate as measure
 

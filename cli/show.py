@@ -43,6 +43,7 @@ def show(
     ] = None,
     package: common.PackageOption = None,
     xacro_arg: common.XacroArgOption = None,
+    trust_xacro: common.TrustXacroOption = False,
 ) -> None:
     """Show a robot: as a tree in the terminal, as a picture, as a film of its joints, or in the browser.
 
@@ -52,7 +53,7 @@ def show(
     if port is not None and not web:
         raise common.UsageError("--port belongs to --web.")
 
-    (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg)
+    (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg, trust_xacro=trust_xacro)
     if png is not None:
         _draw(description, png)
     if gif is not None:

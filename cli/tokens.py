@@ -59,6 +59,7 @@ def tokens(
     ] = None,
     package: common.PackageOption = None,
     xacro_arg: common.XacroArgOption = None,
+    trust_xacro: common.TrustXacroOption = False,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write to FILE instead of stdout.")
     ] = None,
@@ -73,7 +74,7 @@ def tokens(
     from morphkit.tokens.selection import take_quantities
     from morphkit.tokens.spec import token_spec
 
-    (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg)
+    (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg, trust_xacro=trust_xacro)
     morphology = read(description)
     spec = token_spec(
         morphology,

@@ -67,6 +67,7 @@ def train(
     ] = None,
     encoder: common.EncoderOption = None,
     xacro_arg: common.XacroArgOption = None,
+    trust_xacro: common.TrustXacroOption = False,
     device: Annotated[str | None, typer.Option(help="PyTorch device, such as cpu or cuda.", show_default="cpu")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress and no summary.")] = False,
@@ -89,6 +90,7 @@ def train(
             "--task": task,
             "--base": base,
             "--xacro-arg": xacro_arg,
+            "--trust-xacro": trust_xacro,
             "--device": device,
         }
         given = [option for option, value in fixed.items() if value]
@@ -98,7 +100,7 @@ def train(
         raise common.UsageError("--encoder goes with --resume; a new run takes --set text.encoder=NAME_OR_FOLDER.")
     elif not robots:
         raise common.UsageError("say what to train on: robots, files, folders or manifests.")
-    bodies = common.load_bodies(robots, xacro_arg)
+    bodies = common.load_bodies(robots, xacro_arg, trust_xacro=trust_xacro)
 
     from morphkit_rl.config.train_config import load_config
     from morphkit_rl.text.model_files import SHIPPED

@@ -25,6 +25,7 @@ def load(
     root: str | None = None,
     packages: Mapping[str, Path] = _NO_PACKAGES,
     xacro_args: Mapping[str, str] = _NO_ARGUMENTS,
+    trust_xacro: bool = False,
 ) -> Description:
     """Load one robot.
 
@@ -35,6 +36,7 @@ def load(
         root: Top-level body or link to take where the file has several.
         packages: Folder of each ROS package or Gazebo model that the file refers to, by name; see `io.packages`.
         xacro_args: Values of a xacro file's arguments, by name.
+        trust_xacro: Whether a xacro file may do all that the library lets it do.
 
     Returns:
         The description. It holds what a `robot.toml` or `manifest.json` in the same folder says of the file.
@@ -46,7 +48,7 @@ def load(
         DependencyError: A xacro file, and the library that expands it is not installed.
         ConfigError: There are `xacro_args`, and the file is no xacro file.
     """
-    found = load_all(target, root=root, packages=packages, xacro_args=xacro_args)
+    found = load_all(target, root=root, packages=packages, xacro_args=xacro_args, trust_xacro=trust_xacro)
     if len(found) != 1:
         names = ", ".join(description.name for description in found)
         raise DescriptionError(f"{target}: holds {len(found)} robots where one is expected; give one file of: {names}")
@@ -59,6 +61,7 @@ def load_all(
     root: str | None = None,
     packages: Mapping[str, Path] = _NO_PACKAGES,
     xacro_args: Mapping[str, str] = _NO_ARGUMENTS,
+    trust_xacro: bool = False,
 ) -> list[Description]:
     """Load one robot, or all variants of a family.
 
@@ -68,6 +71,7 @@ def load_all(
         root: As in `load`.
         packages: As in `load`.
         xacro_args: As in `load`.
+        trust_xacro: As in `load`.
 
     Returns:
         At least one description.
@@ -90,7 +94,7 @@ def load_all(
         if not path.exists():
             raise _unknown(path, tomls)
         if is_xacro(path) and path.is_file():
-            return [_expand(path, root, packages, xacro_args)]
+            return [_expand(path, root, packages, xacro_args, trust_xacro)]
         return [
             replace(description, packages={**description.packages, **packages})
             for description in _load_path(path, root)
@@ -226,12 +230,14 @@ def _describe(path: Path, name: str, info: RobotInfo, root: str | None) -> Descr
     return Description(*names, document.format, document.source, path.parent, info, root, document=document)
 
 
-def _expand(path: Path, root: str | None, packages: Mapping[str, Path], xacro_args: Mapping[str, str]) -> Description:
+def _expand(
+    path: Path, root: str | None, packages: Mapping[str, Path], xacro_args: Mapping[str, str], trusted: bool
+) -> Description:
     """The URDF that a xacro file describes."""
     from morphkit.formats import xacro
     from morphkit.formats.document import Document
 
-    source = xacro.expand(path, packages, xacro_args)
+    source = xacro.expand(path, packages, xacro_args, trusted=trusted)
     file = path.name.removesuffix(".xacro").removesuffix(".urdf") + ".urdf"
     document = Document(source, file=f"{path} (expanded)")
     name, file = _printable(Path(file).stem), _printable(file)

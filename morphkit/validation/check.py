@@ -33,6 +33,7 @@ def check(
     *,
     packages: Mapping[str, Path] = _NO_PACKAGES,
     xacro_args: Mapping[str, str] = _NO_ARGUMENTS,
+    trust_xacro: bool = False,
     shown: str | None = None,
     deep: bool = True,
 ) -> Report:
@@ -42,6 +43,7 @@ def check(
         path: The file.
         packages: Folder of each ROS package or Gazebo model that may be read, by name.
         xacro_args: Values of a xacro file's arguments, by name.
+        trust_xacro: Whether a xacro file may do all that the library lets it do.
         shown: What the file is called in findings; None for `path`.
         deep: Whether meshes are read, MJCF is compiled and URDF is converted, in a process of its own.
 
@@ -56,7 +58,7 @@ def check(
     path = Path(path)
     report = Report(shown if shown is not None else str(path))
     try:
-        doc = open_document(path, report, packages, xacro_args)
+        doc = open_document(path, report, packages, xacro_args, trust_xacro=trust_xacro)
     except OSError as error:
         raise DescriptionError(f"{path}: cannot be read: {error.strerror or error}") from error
     if doc is not None and report.format == "urdf":

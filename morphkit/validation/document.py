@@ -113,7 +113,12 @@ class CheckedDocument:
 
 
 def open_document(
-    path: Path, report: Report, packages: Mapping[str, Path], xacro_args: Mapping[str, str]
+    path: Path,
+    report: Report,
+    packages: Mapping[str, Path],
+    xacro_args: Mapping[str, str],
+    *,
+    trust_xacro: bool = False,
 ) -> CheckedDocument | None:
     """Parse a description file; None where it is none, which the report then says.
 
@@ -128,11 +133,12 @@ def open_document(
         raise IsADirectoryError(EISDIR, os.strerror(EISDIR)) if path.is_dir() else OSError(ENXIO, "no regular file")
     try:
         expanded = path.suffix == ".xacro"
-        source = expand(path, packages, xacro_args) if expanded else xml.read_limited(path)
+        source = expand(path, packages, xacro_args, trusted=trust_xacro) if expanded else xml.read_limited(path)
         document = Document(source, file=report.file)
     except DescriptionError as error:
         _, line, reason = split_message(error)
-        report.add("xml-malformed", (report.file, line), reason)
+        fix = "Say --trust-xacro, if you trust the file." if "--trust-xacro" in reason else ""
+        report.add("xml-malformed", (report.file, line), reason, fix=fix)
         return None
     try:
         report.format = document.format

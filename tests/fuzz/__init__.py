@@ -1,1 +1,1 @@
-"""Broken robot files for the readers and for ablation, and broken run folders; see `make fuzz`."""
+"""Attacks on the project by files that are made for it; see `make fuzz`."""

@@ -1,8 +1,8 @@
-"""Break robot files and run folders for some minutes; `make fuzz`.
+"""Attack the project for some minutes; `make fuzz`.
 
-Workers try cases that hypothesis makes, of one part after the other. One that raises, dies or takes more than 20 s
-leaves the case and the reason in `.fuzz/`; this program then goes on with the next seed, and ends with 1 where anything
-was found.
+Each part of the attack makes files (with hypothesis) and tries them. Files at which it raises, dies, takes more than
+20 s or more than 2 GiB are left in `.fuzz/` with the reason; this program then goes on with the next seed, and ends
+with 1 where anything was found.
 """
 
 from __future__ import annotations
@@ -10,44 +10,30 @@ from __future__ import annotations
 import argparse
 import contextlib
 import faulthandler
+import importlib
 import json
+import shutil
 import subprocess
 import sys
+import tempfile
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from hypothesis.strategies import SearchStrategy
-
-SECONDS_A_FILE = 20
-SECONDS_A_WORKER = 60
-PARTS = {"robots": ".xml", "runs": ".json"}
-"""What is broken, and the suffix of a case."""
+PARTS = ("robots", "run_folders", "xacro")
+"""Modules of this package with `examples()`, a strategy of files by name, and `attempt(files, folder)`."""
+SECONDS_AN_EXAMPLE = 20
+SECONDS_A_WORKER = 30
+MOST_MEMORY = 2 * 1024**3
 
 
-def part(name: str) -> tuple[SearchStrategy[bytes], Callable[[bytes], str]]:
-    """Makes the cases of a part, and tries one."""
-    if name == "runs":
-        from .run_folders import UNBROKEN, attempt_run, broken_runs
-
-        attempt_run(UNBROKEN)  # so that what is loaded and made once is not counted
-        return broken_runs(), attempt_run
-    from .strategies import broken_files
-    from .target import attempt
-
-    return broken_files(), attempt
-
-
-def work(name: str, seed: int, folder: Path, seconds: float) -> int:
-    """Try cases of one seed for so long; 1 where one raised: it is left, as small as hypothesis could make it."""
+def work(part: str, seed: int, folder: Path, seconds: float) -> int:
+    """Try files of one seed for so long; 1 where one raised: it is left, as small as hypothesis could make it."""
     from hypothesis import HealthCheck, Phase, given, settings
     from hypothesis import seed as seeded
 
-    cases, attempt = part(name)
+    attack = importlib.import_module(f"tests.fuzz.{part}")
     end = time.monotonic() + seconds
     ends: Counter[str] = Counter()
 
@@ -60,16 +46,18 @@ def work(name: str, seed: int, folder: Path, seconds: float) -> int:
         phases=(Phase.generate, Phase.shrink),
         suppress_health_check=list(HealthCheck),
     )
-    @given(source=cases)
-    def fuzz(source: bytes) -> None:
+    @given(files=attack.examples())
+    def fuzz(files: dict[str, bytes]) -> None:
         if time.monotonic() > end:
             raise KeyboardInterrupt  # which hypothesis takes for no bug of the file
-        (folder / "current").write_bytes(source)
-        faulthandler.dump_traceback_later(SECONDS_A_FILE, exit=True)
+        _write(files, folder / "current")
+        faulthandler.dump_traceback_later(SECONDS_AN_EXAMPLE, exit=True)
         try:
-            ends[attempt(source)] += 1
+            with tempfile.TemporaryDirectory() as place:
+                ends[f"{part}: {attack.attempt(files, Path(place))}"] += 1
+            _check_memory()
         except Exception:
-            (folder / "failing").write_bytes(source)
+            _write(files, folder / "failing")
             (folder / "reason").write_text(traceback.format_exc())
             raise
         faulthandler.cancel_dump_traceback_later()
@@ -82,47 +70,62 @@ def work(name: str, seed: int, folder: Path, seconds: float) -> int:
     return 0
 
 
+def _check_memory() -> None:
+    import resource
+
+    for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN):
+        most = resource.getrusage(who).ru_maxrss * 1024
+        assert most < MOST_MEMORY, f"{most / 2**30:.1f} GiB"
+
+
+def _write(files: dict[str, bytes], folder: Path) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+
+
+def _start(part: str, seed: int, folder: Path, seconds: float) -> subprocess.CompletedProcess[str]:
+    (folder / "reason").unlink(missing_ok=True)
+    options = {"--part": part, "--seed": seed, "--folder": folder, "--minutes": seconds / 60}
+    words = [str(word) for option in options.items() for word in option]
+    command = [sys.executable, "-m", "tests.fuzz.run", "--worker", *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
 def main() -> int:
     """Run workers one after another until the time is up."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=5.0)
     parser.add_argument("--seed", type=int, default=int(time.time()))
+    parser.add_argument("--part", choices=PARTS, action="append", help="one part of the attack instead of all")
     parser.add_argument("--folder", type=Path, default=Path(".fuzz"))
-    parser.add_argument("--part", choices=PARTS, help="break only this; default: one after the other")
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
-    arguments.folder.mkdir(parents=True, exist_ok=True)
+    folder, parts = arguments.folder, arguments.part or PARTS
+    folder.mkdir(parents=True, exist_ok=True)
     if arguments.worker:
-        return work(arguments.part, arguments.seed, arguments.folder, 60 * arguments.minutes)
+        return work(parts[0], arguments.seed, folder, 60 * arguments.minutes)
     end = time.monotonic() + 60 * arguments.minutes
+    longest = min(SECONDS_A_WORKER, 60 * arguments.minutes / len(parts))
     seed, found, ends = arguments.seed, 0, Counter[str]()
     while time.monotonic() < end:
-        for name in ("reason", "failing"):
-            (arguments.folder / name).unlink(missing_ok=True)
-        minutes = min(SECONDS_A_WORKER, end - time.monotonic()) / 60
-        name = arguments.part or list(PARTS)[seed % len(PARTS)]
-        options = {"--part": name, "--seed": seed, "--folder": arguments.folder, "--minutes": minutes}
-        command = [
-            sys.executable,
-            "-m",
-            "tests.fuzz.run",
-            "--worker",
-            *(str(o) for pair in options.items() for o in pair),
-        ]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        part = parts[(seed - arguments.seed) % len(parts)]
+        done = _start(part, seed, folder, min(longest, end - time.monotonic()))
         if done.stdout.startswith("{"):
             ends.update(json.loads(done.stdout))
         if done.returncode:
             found += 1
-            reason = arguments.folder / "reason"
+            reason = folder / "reason"
             text = reason.read_text() if reason.exists() else f"exit code {done.returncode}\n{done.stderr[-3000:]}"
-            (arguments.folder / f"{seed}.txt").write_text(text)
-            failing = arguments.folder / ("failing" if reason.exists() else "current")
-            case = arguments.folder / f"{seed}{PARTS[name]}"
-            case.write_bytes(failing.read_bytes())
-            print(f"found: {case}: {text.strip().splitlines()[-1]}", flush=True)
+            kept = folder / f"{part}-{seed}"
+            shutil.rmtree(kept, ignore_errors=True)
+            shutil.copytree(folder / ("failing" if reason.exists() else "current"), kept)
+            (folder / f"{part}-{seed}.txt").write_text(text)
+            print(f"found: {kept}: {text.strip().splitlines()[-1]}", flush=True)
         seed += 1
-    print(f"{sum(ends.values())} cases tried ({', '.join(f'{n} {e}' for e, n in ends.most_common())}), {found} found")
+    print("\n".join(f"{number:8} {end}" for end, number in sorted(ends.items())))
+    print(f"{sum(ends.values())} examples tried, {found} found")
     return 1 if found else 0
 
 

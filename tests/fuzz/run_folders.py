@@ -56,6 +56,17 @@ changes = st.one_of(
 )
 
 
+def examples() -> st.SearchStrategy[dict[str, bytes]]:
+    """A file that lists changes."""
+    attempt_run(UNBROKEN)  # so that what is loaded and made once is not counted
+    return broken_runs().map(lambda source: {"run.json": source})
+
+
+def attempt(files: dict[str, bytes], folder: Path) -> str:
+    """How far the changed run got."""
+    return attempt_run(files["run.json"])
+
+
 @st.composite
 def broken_runs(draw: st.DrawFn) -> bytes:
     """One to three changes to a run folder, and whether its digests are made right again afterwards."""
