@@ -26,6 +26,7 @@ import torch
 from torch import Tensor
 
 from morphkit.utils.cache_dir import cache_dir
+from morphkit.utils.private_folder import private_file, private_folder
 
 logger = logging.getLogger(__name__)
 
@@ -155,30 +156,53 @@ def _open() -> ctypes.CDLL:
     processor = Path("/proc/cpuinfo").read_text().partition("\n\n")[0].splitlines()
     native = [line for line in processor if line.startswith(("model name", "flags"))]
     key = hashlib.sha256(b"\0".join([*texts.values(), *map(str.encode, (*native, *compiler, *_FLAGS))])).hexdigest()
-    name = f"kernels-{key[:16]}.so"
     try:
-        file = cache_dir() / name
-        if not file.is_file():
-            file.parent.mkdir(parents=True, exist_ok=True)
-            _compile(compiler, texts, file)
-        return ctypes.CDLL(str(file))
-    except OSError:  # Nothing can be kept there, or it was damaged: make it for this process.
+        # Others may write to the cache folder: what is run lies in a folder of its own, and no path leads there twice.
+        with private_folder(cache_dir() / f"kernels-{os.geteuid()}") as kept:
+            try:
+                return _load_kept(kept, key)
+            except OSError:
+                _compile(compiler, texts, Path(f"/proc/self/fd/{kept}"), key)
+                return _load_kept(kept, key)
+    except OSError:  # Nothing can be kept there: make it for this process.
         with tempfile.TemporaryDirectory(prefix="morphkit-") as folder:
-            _compile(compiler, texts, Path(folder) / name)
-            return ctypes.CDLL(str(Path(folder) / name))
+            return ctypes.CDLL(str(_compile(compiler, texts, Path(folder), key)))
 
 
-def _compile(compiler: Sequence[str], texts: dict[str, bytes], file: Path) -> None:
-    """Make the library next to `file` and move it there, so that nobody ever sees a part of it."""
-    with tempfile.TemporaryDirectory(prefix="kernels-", dir=file.parent) as name:
+def _load_kept(folder: int, key: str) -> ctypes.CDLL:
+    """Load the library that was made of the sources with digest `key`, and is still as it was made.
+
+    Raises:
+        OSError: There is none.
+    """
+    for name in os.listdir(folder):
+        source, _, digest = name.removeprefix("kernels-").removesuffix(".so").partition("-")
+        if source == key:
+            with private_file(folder, name) as file:
+                with open(file, "rb", closefd=False) as stream:
+                    same = hashlib.file_digest(stream, "sha256").hexdigest() == digest
+                if same:
+                    return ctypes.CDLL(f"/proc/self/fd/{folder}/{name}")
+    raise FileNotFoundError(f"no kernels of {key}")
+
+
+def _compile(compiler: Sequence[str], texts: dict[str, bytes], target: Path, key: str) -> Path:
+    """Make the library and move it into `target`, so that nobody ever sees a part of it.
+
+    Its name says what it was made of and what it holds.
+    """
+    with tempfile.TemporaryDirectory(prefix="making-", dir=target) as name:
         folder = Path(name)
+        product = folder / "kernels.so"
         for source, text in texts.items():
             (folder / source).write_bytes(text)
         # OpenMP's own library is not linked: its functions must be those that PyTorch has loaded.
         _run([[*compiler, *_FLAGS, "-fopenmp", "-c", source] for source in _SOURCES], folder)
         objects = [f"{Path(source).stem}.o" for source in _SOURCES]
-        _run([[*compiler, "-shared", *objects, "-o", file.name]], folder)
-        (folder / file.name).replace(file)
+        _run([[*compiler, "-shared", *objects, "-o", product.name]], folder)
+        product.chmod(0o700)
+        file = target / f"kernels-{key}-{hashlib.sha256(product.read_bytes()).hexdigest()}.so"
+        return product.replace(file)
 
 
 def _run(commands: Sequence[Sequence[str]], folder: Path) -> None:

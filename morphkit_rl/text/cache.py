@@ -107,7 +107,7 @@ class EmbeddingCache:
             self._warned = True
             logger.warning(
                 "the embedding cache %s is not in use (%s); texts are encoded again in every run. "
-                "Set MORPHKIT_CACHE to a folder that can be written",
+                "Set MORPHKIT_CACHE to a folder of your own that can be written",
                 self.file,
                 error,
             )
