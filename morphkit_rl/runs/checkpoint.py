@@ -61,7 +61,7 @@ def save(run: Path, tensors: Mapping[str, Mapping[str, np.ndarray]], state: Mapp
     Raises:
         OSError: The disk is full or the folder cannot be written; the previous checkpoint stays.
     """
-    run_folder.require_run(run)
+    run_folder.require_folder(run)
     folder = run / CHECKPOINTS
     name = f"step-{state['real_steps']:012d}-{state['updates']:010d}"
     latest = _latest(run) if has_checkpoint(run) else None
@@ -115,8 +115,9 @@ def load_state(run: Path) -> tuple[Path, dict[str, Any]]:
 
 def _read_state(run: Path) -> tuple[Path, dict[str, Any]]:
     """`load_state` without a look into the large files."""
-    run_folder.require_run(run)
+    run_folder.require_folder(run)
     if not has_checkpoint(run):
+        run_folder.require_run(run)
         raise CheckpointError(f"{run}: holds no checkpoint (the run was stopped before its first checkpoint)")
     folder = run / CHECKPOINTS / _latest(run)
     place = folder / _STATE
@@ -135,8 +136,8 @@ def _read_state(run: Path) -> tuple[Path, dict[str, Any]]:
 
 def describe(path: Path) -> dict[str, Any]:
     """Size and SHA-256 of a file, as a state holds them."""
-    with path.open("rb") as file:
-        return {"size": path.stat().st_size, "sha256": hashlib.file_digest(file, "sha256").hexdigest()}
+    content = read_plain(path)
+    return {"size": len(content), "sha256": hashlib.sha256(content).hexdigest()}
 
 
 def _check_digest(path: Path, expected: str, content: bytes) -> None:

@@ -27,15 +27,24 @@ _SEGMENT_TEMPORARY = re.compile(r"\.sweeps-\d{10,20}-\d{10,20}\.[0-9a-f]{8}\.saf
 _BEFORE_FILES = {CHECKPOINTS, REPLAY, ROBOTS}
 
 
+def require_folder(run: Path) -> None:
+    """Refuse what is no folder, or one that holds links.
+
+    Raises:
+        CheckpointError: There is no folder, or it is a link or holds one.
+    """
+    require_plain(run, CheckpointError)
+    if not run.is_dir():
+        raise CheckpointError(f"{run}: no such run folder")
+
+
 def require_run(run: Path) -> None:
     """Refuse what is no run folder, or one that holds links.
 
     Raises:
         CheckpointError: There is no folder, or it is no run, or it is a link or holds one.
     """
-    require_plain(run, CheckpointError)
-    if not run.is_dir():
-        raise CheckpointError(f"{run}: no such run folder")
+    require_folder(run)
     if not (run / CONFIG).is_file():
         raise CheckpointError(f"{run}: not a run folder: it has no {CONFIG}")
 
