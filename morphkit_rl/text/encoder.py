@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import groupby
 from pathlib import Path
 from typing import Any, get_args
 
@@ -13,12 +14,15 @@ from morphkit.errors import ConfigError, DependencyError
 from morphkit_rl.text.cache import EmbeddingCache
 from morphkit_rl.text.model_files import ModelSource, Pooling, find_model
 
+_BATCH = 32
+_KEPT_TOGETHER = 1024
+
 
 class TextEncoder:
     """A pretrained BERT-like model as a function from texts to vectors, cached on disk.
 
-    The weights are read only when a text is not in the cache. Every text is encoded by itself, without padding, so
-    that its vector never depends on what else was asked for.
+    The weights are read only when a text is not in the cache. Texts are encoded without padding, together with others
+    of as many tokens only, so that a vector does not depend on what else was asked for.
 
     Args:
         model: `minilm` (all-MiniLM-L6-v2, shipped, works offline), a folder that `save_pretrained` of transformers
@@ -68,8 +72,9 @@ class TextEncoder:
         missing = [text for text in dict.fromkeys(texts) if text not in self._known]
         if missing:
             self._known.update(self._cache.get(missing))
-            new = {text: self._encode_one(text) for text in missing if text not in self._known}
-            if new:
+            left = [text for text in missing if text not in self._known]
+            for first in range(0, len(left), _KEPT_TOGETHER):  # what is done is kept where the rest is interrupted
+                new = self._encode_new(left[first : first + _KEPT_TOGETHER])
                 self._cache.put(new)
                 self._known.update(new)
         result = np.empty((len(texts), self.size), dtype=np.float32)
@@ -96,23 +101,38 @@ class TextEncoder:
 
         return tokenize, network.requires_grad_(True)
 
-    def _encode_one(self, text: str) -> np.ndarray:
-        import torch
-
+    def _encode_new(self, texts: Sequence[str]) -> dict[str, np.ndarray]:
         if self._network is None:
             self.source.check_weights()
             self._network = _load(self.source, self.device)
-        tokenizer, network, max_length = self._network
-        inputs = tokenizer([text], return_tensors="pt", truncation=max_length is not None, max_length=max_length)
+        tokenizer, _, max_length = self._network
+        tokens = tokenizer(list(texts), truncation=max_length is not None, max_length=max_length)["input_ids"]
+        order = sorted(range(len(texts)), key=lambda index: len(tokens[index]))
+        found: dict[str, np.ndarray] = {}
+        for _, alike in groupby(order, key=lambda index: len(tokens[index])):
+            rows = list(alike)
+            for first in range(0, len(rows), _BATCH):
+                batch = rows[first : first + _BATCH]
+                vectors = self._run([tokens[index] for index in batch])
+                found.update((texts[index], vector) for index, vector in zip(batch, vectors, strict=True))
+        for text, vector in found.items():
+            if vector.shape != (self.size,) or not np.isfinite(vector).all():
+                raise DependencyError(
+                    f"text encoder {self.source.name!r}: expected {self.size} finite numbers for {text!r}, "
+                    f"got an array of shape {vector.shape}; the weights in {self.source.folder} are damaged"
+                )
+        return found
+
+    def _run(self, tokens: Sequence[Sequence[int]]) -> np.ndarray:
+        """Vectors (texts, size) of texts with equally many tokens."""
+        import torch
+
+        assert self._network is not None
+        ids = torch.tensor(tokens, device=self.device)
         with torch.inference_mode():
-            hidden = network(**inputs.to(self.device)).last_hidden_state[0].float()
-            vector = hidden[0] if self.pooling == "cls" else hidden.mean(dim=0)
-        array: np.ndarray = vector.cpu().numpy()
-        if array.shape != (self.size,) or not np.isfinite(array).all():
-            raise DependencyError(
-                f"text encoder {self.source.name!r}: expected {self.size} finite numbers for {text!r}, "
-                f"got an array of shape {array.shape}; the weights in {self.source.folder} are damaged"
-            )
+            hidden = self._network[1](input_ids=ids, attention_mask=torch.ones_like(ids)).last_hidden_state.float()
+            vectors = hidden[:, 0] if self.pooling == "cls" else hidden.mean(dim=1)
+        array: np.ndarray = vectors.cpu().numpy()
         return array
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from morphkit.errors import TrainingError
+from morphkit.errors import ConfigError, TrainingError
 from morphkit_rl.algorithms.actions import ActionRows
 from morphkit_rl.buffers.replay_buffer import ReplayBuffer
 from morphkit_rl.config.train_config import TrainerConfig
@@ -58,8 +58,7 @@ class Collector:
             (tokens.stop - tokens.start, a.stop - a.start)
             for tokens, a in zip(layout.tokens, layout.actions, strict=True)
         ]
-        capacity = config.replay_capacity // len(robots)
-        self.buffers = [ReplayBuffer(*width, config.num_envs, capacity, config.replay_dtype) for width in widths]
+        self.buffers = make_buffers(widths, config)
         self.steps = self.real_steps = self.episodes = 0
         self.recent: list[deque[float]] = [deque(maxlen=RECENT_EPISODES) for _ in robots]
         self.ended = np.zeros(len(robots), np.int64)
@@ -162,3 +161,20 @@ class Collector:
         self.ended[:] = state.get("ended", self.env.diverged + 1)  # what older runs did not count, they did not lose
         for recent, values in zip(self.recent, state["recent"], strict=True):
             recent.extend(values)
+
+
+def make_buffers(widths: Sequence[tuple[int, int]], config: TrainerConfig) -> list[ReplayBuffer]:
+    """The empty replay of robots, given the numbers of sensor and actuator tokens of each.
+
+    Raises:
+        ConfigError: There is not enough memory.
+    """
+    capacity = config.replay_capacity // len(widths)
+    try:
+        return [ReplayBuffer(*width, config.num_envs, capacity, config.replay_dtype) for width in widths]
+    except MemoryError as error:
+        most = max(sensors for sensors, _ in widths)
+        raise ConfigError(
+            f"a replay of {config.replay_capacity:,} transitions, of up to {most:,} sensor tokens each, does not fit"
+            f" into memory ({error}); set trainer.replay_capacity to less, or train on bodies with fewer limbs"
+        ) from None

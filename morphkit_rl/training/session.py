@@ -13,7 +13,7 @@ from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.kernels import library
 from morphkit_rl.models.vocabulary import Vocabulary
 from morphkit_rl.runs import checkpoint, network_arrays, replay_segments, run_settings
-from morphkit_rl.training.collector import Collector
+from morphkit_rl.training.collector import Collector, make_buffers
 from morphkit_rl.training.periodic_evaluation import Monitor
 from morphkit_rl.training.schedules import make_schedule
 
@@ -28,7 +28,7 @@ class Session:
         settings: The run.
 
     Raises:
-        ConfigError: A robot has no actuators, or the method cannot express it.
+        ConfigError: A robot has no actuators, the method cannot express it, or its replay does not fit into memory.
     """
 
     def __init__(self, settings: run_settings.RunSettings):
@@ -43,6 +43,8 @@ class Session:
                 raise ConfigError(
                     f"{robot.name}: has no actuators, so there is nothing to learn; add motors or leave it out"
                 )
+        # Before texts are encoded, which takes long for so large bodies.
+        make_buffers([(len(robot.spec.sensors), len(robot.spec.actuators)) for robot in robots], config.trainer)
         library.prepare()  # Actions are random at first, so that nobody waits.
         torch.manual_seed(settings.seed)
         self.rng = np.random.default_rng([settings.seed, 1])

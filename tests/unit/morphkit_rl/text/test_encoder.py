@@ -235,3 +235,22 @@ def test_size_comes_from_the_config(tiny_bert: Path, tmp_path: Path) -> None:
     (tmp_path / "config.json").write_text(json.dumps({"model_type": "bert"}))
     with pytest.raises(DependencyError, match="does not tell the embedding size"):
         TextEncoder(str(tmp_path))
+
+
+def test_what_is_encoded_is_kept_where_the_rest_is_interrupted(tmp_path, tiny_bert, monkeypatch):
+    monkeypatch.setattr("morphkit_rl.text.encoder._KEPT_TOGETHER", 2)
+    encoder = TextEncoder(str(tiny_bert), cache_dir=tmp_path / "cache")
+    encode, calls = encoder._encode_new, []
+
+    def interrupted(texts):
+        calls.append(texts)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return encode(texts)
+
+    monkeypatch.setattr(encoder, "_encode_new", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        encoder.encode(TEXTS[:3])
+    again = TextEncoder(str(tiny_bert), cache_dir=tmp_path / "cache")
+    monkeypatch.setattr(again, "_encode_new", None)
+    assert again.encode(TEXTS[:2]).shape == (2, again.size)

@@ -54,6 +54,13 @@ def test_a_resumed_run_equals_one_that_never_stopped(tmp_path: Path, config: Tra
     assert_same(run, tmp_path / "parts")
 
 
+def test_a_replay_that_does_not_fit_is_refused_before_texts_are_encoded(tmp_path: Path, config: TrainConfig) -> None:
+    large = load_config(overrides=[*_overrides(config), "trainer.replay_capacity=10_000_000_000_000"])
+    with pytest.raises(ConfigError, match=r"does not fit into memory .*; set trainer\.replay_capacity to less"):
+        train([load("hopper")], tmp_path / "run", large, steps=16)
+    assert not (tmp_path / "run").exists()
+
+
 def test_an_average_of_weights_and_falling_rates_resume_exactly(tmp_path: Path, config: TrainConfig) -> None:
     options = ["learner.actor_average=0.9", "learner.final_learning_rate=0.1", "trainer.checkpoint_seconds=1000"]
     changed, robots = load_config(overrides=[*_overrides(config), *options]), [load(name) for name in ROBOTS]
