@@ -122,18 +122,18 @@ def test_the_installed_command_says_the_same(morphkit: Run, in_process: Run, tmp
     assert (installed.stdout, installed.stderr) == (here.stdout, here.stderr)
 
 
-def test_folder_that_holds_other_files_is_kept(morphkit: Run, tmp_path: Path) -> None:
+def test_folder_that_holds_other_files_is_kept(in_process: Run, tmp_path: Path) -> None:
     (tmp_path / "family").mkdir()
     (tmp_path / "family" / "thesis.tex").write_text("years of work")
-    done = morphkit("ablate", "cheetah", "--all", "--output", "family", code=2)
+    done = in_process("ablate", "cheetah", "--all", "--output", "family", code=2)
     assert done.stderr.startswith("error: ")
     assert "family" in done.stderr
     assert listing(tmp_path) == {"family", "family/thesis.tex"}
 
 
-def test_file_in_the_place_of_the_folder_is_kept(morphkit: Run, tmp_path: Path) -> None:
+def test_file_in_the_place_of_the_folder_is_kept(in_process: Run, tmp_path: Path) -> None:
     (tmp_path / "family").write_text("years of work")
-    assert morphkit("ablate", "cheetah", "--all", "--output", "family", code=2).stderr.startswith("error: ")
+    assert in_process("ablate", "cheetah", "--all", "--output", "family", code=2).stderr.startswith("error: ")
     assert (tmp_path / "family").read_text() == "years of work"
 
 
@@ -145,25 +145,25 @@ def test_unwritable_folder(morphkit: Run, tmp_path: Path) -> None:
     assert listing(tmp_path / "locked") == set()
 
 
-def test_missing_mesh_where_it_is_needed(morphkit: Run, tmp_path: Path) -> None:
+def test_missing_mesh_where_it_is_needed(in_process: Run, tmp_path: Path) -> None:
     robot = urdf(["a", "b"], joint("j", "a", "b")).replace(
         '<sphere radius="0.1"/>', '<mesh filename="meshes/arm.stl"/>'
     )
     (tmp_path / "r.urdf").write_text(robot)
-    morphkit("tokens", "r.urdf")  # names and limits need no mesh
-    done = morphkit("train", "r.urdf", "--run", "run", "--steps", 10, code=2)
+    in_process("tokens", "r.urdf")  # names and limits need no mesh
+    done = in_process("train", "r.urdf", "--run", "run", "--steps", 10, code=2)
     assert done.stderr.startswith("error: ")
     assert "arm.stl" in done.stderr
     assert not (tmp_path / "run").exists()
 
 
-def test_robot_without_actuators_cannot_be_trained(morphkit: Run, tmp_path: Path) -> None:
+def test_robot_without_actuators_cannot_be_trained(in_process: Run, tmp_path: Path) -> None:
     (tmp_path / "rag.xml").write_text(
         '<mujoco><worldbody><body name="torso"><freejoint/><geom size="0.1"/>'
         '<body name="arm"><joint name="hinge" axis="0 1 0"/><geom size="0.1"/></body></body></worldbody></mujoco>'
     )
-    assert "no actuators" in morphkit("tokens", "rag.xml").stdout
-    done = morphkit("train", "rag.xml", "--run", "run", "--steps", 10, code=2)
+    assert "no actuators" in in_process("tokens", "rag.xml").stdout
+    done = in_process("train", "rag.xml", "--run", "run", "--steps", 10, code=2)
     assert done.stderr.startswith("error: ")
     assert "actuator" in done.stderr
     assert not (tmp_path / "run").exists()
@@ -194,27 +194,27 @@ def test_bad_learning_request(in_process: Run, tmp_path: Path, arguments: list[s
     "arguments",
     [["convert", "quadruped", "{}/out.xml"], ["train", "cheetah", "--run", "{}/run"], ["tokens", "{}/robot.urdf"]],
 )
-def test_names_that_are_no_text(morphkit: Run, tmp_path: Path, arguments: list[str]) -> None:
+def test_names_that_are_no_text(in_process: Run, tmp_path: Path, arguments: list[str]) -> None:
     folder = tmp_path / os.fsdecode(b"caf\xe9")
     try:
         folder.mkdir()
     except OSError:
         pytest.skip("the file system takes UTF-8 only")
     (folder / "robot.urdf").write_text("<robot/>")
-    done = morphkit(*[argument.format(folder) for argument in arguments], code=2)
+    done = in_process(*[argument.format(folder) for argument in arguments], code=2)
     assert done.stderr.startswith("error: ")
     assert "caf" in done.stderr or "robot.urdf" in done.stderr
     assert [path.name for path in folder.iterdir()] == ["robot.urdf"]
 
 
-def test_a_robot_whose_name_is_no_text(morphkit: Run, tmp_path: Path) -> None:
+def test_a_robot_whose_name_is_no_text(in_process: Run, tmp_path: Path) -> None:
     name = os.fsdecode(b"caf\xe9.urdf")
     try:
         (tmp_path / name).write_text(urdf(["a", "b"], joint("j", "a", "b")))
     except OSError:
         pytest.skip("the file system takes UTF-8 only")
     for arguments in (["tokens"], ["show"], ["check"], ["ablate", "--remove", "b", "--dry-run"], ["diff", name]):
-        assert morphkit(*arguments, name).stdout
+        assert in_process(*arguments, name).stdout
 
 
 def test_output_that_lacks_a_character(morphkit: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
