@@ -112,14 +112,15 @@ def load_mesh(path: Path) -> Any:
 def _reading(path: Path) -> Iterator[None]:
     """Make an AssetError of what trimesh raises, whatever the reader of the format raises, and keep it from logging."""
     log = logging.getLogger("trimesh")
-    before, log.disabled = log.disabled, True
+    before = log.level
+    log.setLevel(logging.CRITICAL + 1)  # its modules' own loggers follow
     try:
         yield
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise AssetError(f"{path}: cannot be read as a mesh: {reason}") from error
     finally:
-        log.disabled = before
+        log.setLevel(before)
 
 
 def up_axis(path: Path) -> str | None:

@@ -102,6 +102,7 @@ class State(Part):
     real_steps: Count
     updates: Count
     episodes: Count
+    ended: list[Count] = []
     sweeps: Count
     recent: list[list[float]]
     segments: list[Segment]

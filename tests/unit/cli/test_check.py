@@ -32,7 +32,7 @@ def test_errors_come_first_with_their_places(capsys: pytest.CaptureFixture[str])
     assert "did you mean 'base'?" in lines[1]
     severities = [line.split()[0] for line in lines[:5]]
     assert severities == sorted(severities, key=["error", "warning"].index)
-    assert lines[-1].strip() == "bad.urdf: 3 errors, 2 warnings"
+    assert lines[-1].strip() == "bad.urdf: 3 errors, 3 warnings"
 
 
 def test_severity_leaves_out_the_rest(capsys: pytest.CaptureFixture[str]) -> None:
@@ -44,7 +44,7 @@ def test_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["check", "bad.urdf", "quadruped", "--json"]) == 1
     told = json.loads(capsys.readouterr().out)
     bad, good = told["files"]
-    assert (bad["errors"], bad["warnings"], bad["infos"]) == (3, 2, 0)
+    assert (bad["errors"], bad["warnings"], bad["infos"]) == (3, 3, 0)
     assert {"id", "severity", "file", "line", "message", "why", "fix", "element"} == set(bad["findings"][0])
     assert (good["file"], good["format"], good["findings"]) == ("quadruped.urdf", "urdf", [])
 
@@ -64,7 +64,7 @@ def test_sarif_is_written(folder: Path) -> None:
 def test_sarif_is_printed(folder: Path, arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["check", "bad.urdf", *arguments]) == 1
     printed = capsys.readouterr().out
-    assert len(json.loads(printed)["runs"][0]["results"]) == 5
+    assert len(json.loads(printed)["runs"][0]["results"]) == 6
     assert [path.name for path in folder.iterdir()] == ["bad.urdf"]
     assert run(["check", "bad.urdf", "--sarif", "out.sarif"]) == 1
     assert (folder / "out.sarif").read_text() == printed
@@ -77,7 +77,7 @@ def test_format_and_file_go_together(folder: Path, capsys: pytest.CaptureFixture
     assert run(["check", "bad.urdf", "--json"]) == 1
     assert capsys.readouterr().out == printed
     assert run(["check", "bad.urdf", "--format", "text"]) == 1
-    assert capsys.readouterr().out.splitlines()[-1].strip() == "bad.urdf: 3 errors, 2 warnings"
+    assert capsys.readouterr().out.splitlines()[-1].strip() == "bad.urdf: 3 errors, 3 warnings"
 
 
 def test_explain(capsys: pytest.CaptureFixture[str]) -> None:

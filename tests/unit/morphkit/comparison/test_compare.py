@@ -331,7 +331,7 @@ def test_what_an_actuator_drives_and_how_it_answers(before: str, after: str, fac
 @pytest.mark.parametrize(
     ("robot", "words"),
     [
-        (urdf((b'<mass value="2"/>', b'<mass value="inf"/>')), "the mass of 'trunk' is no finite number"),
+        (urdf((b'<mass value="2"/>', b'<mass value="inf"/>')), "in <mass> of link 'trunk', which is not finite"),
         (mjcf((b'pos="0 0 -.2"', b'pos="0 0 inf"')), "the position of 'leg' is no finite number"),
     ],
 )

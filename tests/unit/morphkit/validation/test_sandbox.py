@@ -26,5 +26,5 @@ def test_the_time_grows_with_the_meshes_up_to_what_is_read(tmp_path: Path) -> No
 
 def test_a_mesh_beyond_the_limit_is_refused_with_the_limit(tmp_path: Path) -> None:
     huge = sparse(tmp_path / "huge.obj", MESH_BYTES + 1)
-    facts = sandbox.probe([huge], None).meshes
+    facts = sandbox.probe([huge]).meshes
     assert "limit of 512 MiB" in facts[str(huge)].problem

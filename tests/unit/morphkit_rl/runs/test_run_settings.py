@@ -108,7 +108,8 @@ def test_a_diverging_simulation_is_counted_and_poisons_nothing(
 ) -> None:
     run = tmp_path / "run"
     settings = config(f"trainer.schedule={schedule}", "trainer.evaluate_steps=40", "trainer.evaluate_episodes=1")
-    train([explosive, load("hopper_3")], run, settings, steps=80)
+    with pytest.raises(TrainingError, match="diverged in every episode of explosive"):
+        train([explosive, load("hopper_3")], run, settings, steps=80)
     assert read_metrics(run)[-1]["diverged"] > 0
     session = Session(run_settings.load(run))
     session.restore(run)

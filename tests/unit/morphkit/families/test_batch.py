@@ -88,15 +88,15 @@ def test_a_single_variant_that_fails(tmp_path, capsys, crashing, monkeypatch):
     assert len(load_all(tmp_path / "cheetah-no-ffoot")) == 1
 
 
-BROKEN = b"""<robot name="r"><link name="base"/><link name="arm"/><link name="leg"/>
-<joint name="a" type="continuous"><parent link="base"/><child link="arm"/></joint>
-<joint name="l" type="continuous"><parent link="base"/><child link="leg"/></joint></robot>"""
+BROKEN = b"""<mujoco><worldbody><body name="base"><freejoint/><geom size=".1"/>
+<body name="arm"><joint/><geom size=".1" mass="0"/></body><body name="leg"><joint/><geom size=".1" mass="0"/></body>
+</body></worldbody></mujoco>"""
 
 
 @pytest.mark.parametrize("what", [["--all"], ["--remove", "arm"]])
 def test_variants_of_a_robot_that_does_not_compile_are_written_with_an_error(tmp_path, capsys, what):
-    (tmp_path / "r.urdf").write_bytes(BROKEN)
-    assert morphkit(["ablate", str(tmp_path / "r.urdf"), *what, "-o", str(tmp_path / "out"), "-q"]) == 2
+    (tmp_path / "r.xml").write_bytes(BROKEN)
+    assert morphkit(["ablate", str(tmp_path / "r.xml"), *what, "-o", str(tmp_path / "out"), "-q"]) == 2
     manifest = read_manifest(tmp_path / "out")
     assert manifest.variants
     assert manifest.notes[0].startswith(
@@ -110,7 +110,7 @@ def test_check_and_problem():
     assert compile_problem(cheetah) == ""
     variant = next(sub_morphologies(cheetah))
     assert check_variant(variant) is variant
-    broken = replace(variant, description=Description("r", "r.urdf", "urdf", BROKEN))
+    broken = replace(variant, description=Description("r", "r.xml", "mjcf", BROKEN))
     failed = check_variant(broken)
     assert isinstance(failed, FailedVariant)
     assert "mass and inertia" in failed.reason
