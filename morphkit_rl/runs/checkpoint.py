@@ -75,7 +75,9 @@ def save(run: Path, tensors: Mapping[str, Mapping[str, np.ndarray]], state: Mapp
     files = {path.name: describe(path) for path in sorted(temporary.iterdir())}
     whole = json.loads(json.dumps({"format_version": FORMAT_VERSION, **state, "files": files}))
     whole["sha256"] = schema.digest(whole)
-    write_text(temporary / _STATE, json.dumps(whole, indent=1), durable=True)
+    text = json.dumps(whole, indent=1)
+    schema.parse(text.encode(), schema.State, str(temporary / _STATE))  # what could not be read again is not written
+    write_text(temporary / _STATE, text, durable=True)
     temporary.rename(folder / name)
     write_text(folder / LATEST, name + "\n", durable=True)
     run_folder.clear_checkpoints(run, keep=name)

@@ -105,6 +105,7 @@ class State(Part):
     ended: list[Count] = []
     sweeps: Count
     recent: list[list[float]]
+    ended: list[Count] | None = None
     segments: list[Segment]
     rng: Generator
     schedule: Annotated[_Sweeps | _Rounds, Field(discriminator="name")]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from morphkit.errors import ConfigError, TrainingError
+from morphkit.errors import CheckpointError, ConfigError, TrainingError
 from morphkit_rl.algorithms.actions import ActionRows
 from morphkit_rl.buffers.replay_buffer import ReplayBuffer
 from morphkit_rl.config.train_config import TrainerConfig
@@ -158,7 +158,10 @@ class Collector:
         self.obs = arrays.pop("trainer/obs")
         self.env.load_state_dict(arrays)
         self.steps, self.real_steps, self.episodes = state["steps"], state["real_steps"], state["episodes"]
-        self.ended[:] = state.get("ended", self.env.diverged + 1)  # what older runs did not count, they did not lose
+        ended = state.get("ended")
+        if ended is not None and len(ended) != len(self.robots):
+            raise CheckpointError(f"{origin.parent}: made with another number of robots than {len(self.robots)}")
+        self.ended[:] = self.env.diverged + 1 if ended is None else ended  # older runs, which did not count, lost none
         for recent, values in zip(self.recent, state["recent"], strict=True):
             recent.extend(values)
 

@@ -117,7 +117,7 @@ STATES = {
     "schedule": 5, "schedule.name": "rounds", "schedule.first": [[2]], "schedule.first ": [[True]], "steps": 1.5,
     "updates": -1, "recent": [["a"]], "recent ": [], "segments": [{}], "segments ": [], "sweeps": 10**15,
     "elapsed_s": float("nan"), "quantities": ["position/x"], "vocabulary.scalars": 10**15, "precision": "float64",
-    "evaluation": None, "evaluation.random": [1.0] * 3,
+    "evaluation": None, "evaluation.random": [1.0] * 3, "ended": [1, 2], "ended ": -1,
     "method": ["limb-former"], "files": {}, "files ": {"../../a": 5}, "token_texts": "",
 }  # fmt: skip
 
@@ -204,6 +204,19 @@ def test_checkpoints_without_digests_are_still_read_and_get_them(run: Path) -> N
     _, state = checkpoint.load_state(run)
     assert state["format_version"] == 3
     assert all(len(part["sha256"]) == 64 for part in (*state["files"].values(), *state["segments"]))
+
+
+def test_state_that_could_not_be_read_again_is_not_written(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    session = Session(run_settings.load(run))
+    session.restore(run)
+    session.schedule.advance()
+    state, before = session.collector.state(), listing(run)
+    for wrong in ({"recent": [[float("nan")]]}, {"unknown": 5}, {"steps": "many"}):
+        monkeypatch.setattr(session.collector, "state", lambda wrong=wrong: {**state, **wrong})
+        with pytest.raises(CheckpointError):
+            session.save(run, 1.0)
+        assert listing(run) == before
+    session.close()
 
 
 @pytest.mark.parametrize("name", ["save_file", "write_text", "describe"])
