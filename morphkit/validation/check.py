@@ -88,7 +88,8 @@ def _probe_urdf(doc: CheckedDocument, path: Path, meshes: Sequence[Path]) -> Ans
     """Measure meshes, and convert the robot where nothing is known yet that hinders it."""
     if doc.report.count("error"):
         return probe(meshes)
-    return probe(meshes, robot={"file": path.name, "source": doc.document.source.decode("latin-1"), **_folders(doc)})
+    file = path.name.encode(errors="replace").decode()  # a name that is no text is no fault of the robot
+    return probe(meshes, robot={"file": file, "source": doc.document.source.decode("latin-1"), **_folders(doc)})
 
 
 def _folders(doc: CheckedDocument) -> dict[str, Any]:

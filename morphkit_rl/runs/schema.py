@@ -102,7 +102,6 @@ class State(Part):
     real_steps: Count
     updates: Count
     episodes: Count
-    ended: list[Count] = []
     sweeps: Count
     recent: list[list[float]]
     ended: list[Count] | None = None

@@ -144,6 +144,7 @@ def test_options_train_resume_and_load(
     tmp_path: Path, tiny_bert: Path, monkeypatch: pytest.MonkeyPatch, method: str, setting: str
 ) -> None:
     monkeypatch.setenv("MORPHKIT_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("MORPHKIT_ENCODERS", str(tiny_bert))
     run = ["trainer.num_envs=2", "trainer.start_steps=4", "td3.batch_size=4", "text.naming=canonical", setting]
     encoder = str(tiny_bert) if setting == "text.tune=encoder" else "minilm"
     run += [f"text.encoder={encoder}", "trainer.precision=float32"]
