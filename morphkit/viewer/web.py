@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import secrets
 import shlex
 import socket
 import threading
@@ -17,7 +18,7 @@ from morphkit.simulation.inspection_model import Mechanics, load_mechanics
 from morphkit.simulation.limb_inertia import limb_masses
 from morphkit.viewer.joint_sliders import Dial, dials, pose
 from morphkit.viewer.web_markdown import fenced, plain_text
-from morphkit.viewer.web_origins import own_pages_only
+from morphkit.viewer.web_origins import own_pages_only, unprinted
 from morphkit.viewer.web_scene import RobotScene
 
 HOST = "127.0.0.1"
@@ -36,7 +37,8 @@ def serve(
     ready: Callable[[str], None],
     note: Callable[[str], None],
 ) -> None:
-    """Show a robot in the browser until the process is interrupted. Only pages from this machine can connect.
+    """Show a robot in the browser until the process is interrupted. Only pages from this machine with the token in
+    the address can connect.
 
     Args:
         description: The robot.
@@ -86,7 +88,8 @@ class BrowserViewer:
         self._mechanics = self._whole
         self._removed: list[str] = []
         self._lock = threading.RLock()
-        with _silence(), own_pages_only():
+        self._token = secrets.token_urlsafe(24)
+        with _silence(), own_pages_only(self._token):
             self._server = viser.ViserServer(host=HOST, port=port, label="morphkit", verbose=False)
         self._scene = RobotScene(self._server, self.remove)
         self._scene.set_up(self._whole, pose(self._whole, {}))
@@ -95,8 +98,8 @@ class BrowserViewer:
 
     @property
     def url(self) -> str:
-        """Address for the browser."""
-        return f"http://{HOST}:{self._server.get_port()}"
+        """Address for the browser, with the token that lets it in."""
+        return f"http://{HOST}:{self._server.get_port()}/?token={self._token}"
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -166,13 +169,13 @@ class BrowserViewer:
             self._undo = gui.add_button("Undo", hint="Bring back what was removed last", icon="arrow-back-up")
             self._reset = gui.add_button("Reset", hint="Bring back everything", icon="refresh")
             self._choice = gui.add_dropdown("Remove", (_NO_LIMB,), hint="For limbs that are hard to click on")
-        self._undo.on_click(lambda _: self.undo())
-        self._reset.on_click(lambda _: self.reset())
-        self._choice.on_update(self._chosen)
+        self._undo.on_click(unprinted(lambda _: self.undo()))
+        self._reset.on_click(unprinted(lambda _: self.reset()))
+        self._choice.on_update(unprinted(self._chosen))
         self._joints = gui.add_folder("Joints")
         with self._joints:
             rest = gui.add_button("Start pose", hint="Put all joints back", icon="home")
-        rest.on_click(lambda _: self._rest())
+        rest.on_click(unprinted(lambda _: self._rest()))
         self._sliders: dict[str, Any] = {}
 
     def _chosen(self, event: Any) -> None:
@@ -218,7 +221,7 @@ class BrowserViewer:
                 initial_value=_rounded(dial, dial.start),
                 hint=f"moves {dial.limb}",
             )
-        slider.on_update(lambda _: self._move())
+        slider.on_update(unprinted(lambda _: self._move()))
         return slider
 
     def _move(self) -> None:

@@ -12,6 +12,7 @@ from morphkit.simulation.inspection_model import Mechanics
 from morphkit.simulation.visual_geoms import geom_color, visible_geoms
 from morphkit.viewer.camera import viewpoint
 from morphkit.viewer.geom_meshes import surface
+from morphkit.viewer.web_origins import unprinted
 
 _FLOOR_CELLS = 60
 _SKY_TOP, _SKY_BOTTOM = (150, 176, 204), (226, 230, 234)
@@ -110,8 +111,11 @@ class RobotScene:
                 wxyz=model.geom_quat[geom],
             )
             if body in mechanics.limb_of:
-                handle.on_click(lambda _, name=name: self._clicked(name))
+                handle.on_click(unprinted(self._click_on(name)))
         return frame
+
+    def _click_on(self, name: str) -> Callable[[Any], None]:
+        return lambda _: self._clicked(name)
 
 
 def _sky() -> np.ndarray:
