@@ -14,6 +14,7 @@ from morphkit.registry import load
 from morphkit_rl.algorithms.policy import Policy
 from morphkit_rl.benchmark.cells import create, read_matrix
 from morphkit_rl.runs import checkpoint
+from morphkit_rl.runs.lock import hold
 from morphkit_rl.runs.metrics_log import read_metrics
 from morphkit_rl.training.trainer import resume, train
 from tests.support.benchmark_matrix import make_matrix
@@ -217,3 +218,13 @@ def test_a_folder_with_a_file_cannot_be_trained_into(tmp_path: Path) -> None:
     (tmp_path / "run" / "robots" / "mine.xml").write_text("mine")
     with pytest.raises(OutputError, match="not empty"):
         train([load("hopper_3")], tmp_path / "run", small_config(), steps=4)
+
+
+@pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo])
+def test_a_lock_that_is_no_file_is_refused(tmp_path: Path, make: Callable[[Path], None]) -> None:
+    make(tmp_path / ".lock")
+    with (
+        pytest.raises(CheckpointError, match=r"is no file, and so no lock|neither a file nor a folder"),
+        hold(tmp_path),
+    ):
+        pass
