@@ -109,11 +109,10 @@ void backward(const Problem& p, int threads, const T* x, const T* kept, const fl
             }
             const T* normed = norm(p, x, first, samples);
             const float* ones = scratch.ones.of<float>(width);
-            Word<T>* left = scratch.left.of<Word<T>>(words<T>(rows) * width);
             Word<T>* right = scratch.right.of<Word<T>>(packed_size<T>(rows, width));
-            interleave(normed, width, rows, width, left, width);
+            const Left<T> left = transpose_left(normed, width, rows, width, scratch.left);
             pack(g, width, rows, width, right);
-            product(width, width, words<T>(rows), left, 1, width, right,
+            product(width, width, rows, left, right,
                     [&](Index i, const float* values) { add(values, width, mine[READ] + i * width); });
             product(rows, width, words_of_a_row, as_words(g), words_of_a_row, 1, read, [&](Index r, float* values) {
                 const Index place = ((first + r / p.actions) * p.limbs + p.limb[r % p.actions]) * width;

@@ -48,11 +48,10 @@ class Reader {
                 [&](Index r, const float* g) { softmax_backward(weights + r * ld, ld, 1, g, logits + r * ld); });
         mix(logits, probes_gradient);
         // Tokens are values and keys: weights^T gradient + logits^T probes, as one product of what lies behind each other.
-        Word<T>* left = scratch.left.of<Word<T>>(words<T>(2 * rows) * count);
         Word<T>* packed = scratch.packed.of<Word<T>>(packed_size<T>(2 * rows, sizes.width));
-        interleave(weights, ld, 2 * rows, count, left, count);
+        const Left<T> left = transpose_left(weights, ld, 2 * rows, count, scratch.left);
         pack(gradient, sizes.width, 2 * rows, sizes.width, packed);
-        product(count, sizes.width, words<T>(2 * rows), left, 1, count, packed, [&](Index r, const float* g) {
+        product(count, sizes.width, 2 * rows, left, packed, [&](Index r, const float* g) {
             copy(g, sizes.width, tokens_gradient + (start + r) * sizes.width);
         });
     }

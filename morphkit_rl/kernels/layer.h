@@ -222,23 +222,21 @@ class Parts {
         };
         pack(qkv + width, step, n, head, right);
         product(n, head, words<T>(n), as_words(logits), words<T>(ld), 1, right, finish(qkv_gradient));
-        Word<T>* left = shared.left.of<Word<T>>(words<T>(n) * n);
         pack(qkv, step, n, head, right);
-        interleave(logits, ld, n, n, left, n);
-        product(n, head, words<T>(n), left, 1, n, right, finish(qkv_gradient + width));
+        Left<T> left = transpose_left(logits, ld, n, n, shared.left);
+        product(n, head, n, left, right, finish(qkv_gradient + width));
         pack(mixed_gradient, width, n, head, right);
-        interleave(weights, ld, n, n, left, n);
-        product(n, head, words<T>(n), left, 1, n, right, finish(qkv_gradient + 2 * width));
+        left = transpose_left(weights, ld, n, n, shared.left);
+        product(n, head, n, left, right, finish(qkv_gradient + 2 * width));
     }
 
     // Adds in^T g to a matrix' gradient, and the sum of g's rows to that of its bias.
     void weigh(const T* in, const T* g, int matrix, Index rows, float* gradient, float* bias_gradient) {
         const auto [m, n] = sizes.shape(matrix);
-        Word<T>* left = shared.left.of<Word<T>>(words<T>(rows) * m);
         Word<T>* right = shared.right.of<Word<T>>(packed_size<T>(rows, n));
-        interleave(in, m, rows, m, left, m);
+        const Left<T> left = transpose_left(in, m, rows, m, shared.left);
         pack(g, n, rows, n, right);
-        product(m, n, words<T>(rows), left, 1, m, right,
+        product(m, n, rows, left, right,
                 [&, n = n](Index r, const float* values) { add(values, n, gradient + r * n); });
         for (Index r = 0; r < rows; ++r) add(g + r * n, n, bias_gradient);
     }

@@ -40,9 +40,9 @@ _SOURCES = (
     *("encoder_layer.cpp", "cross_attention.cpp", "mlp.cpp", "norm.cpp"),
     *("limb_tokens.cpp", "limb_layer.cpp", "actuator_heads.cpp", "perceptron_critic.cpp"),
 )
-_HEADERS = ("product.h", "rows.h", "layer.h")
+_HEADERS = ("packing.h", "tiles.h", "product.h", "rows.h", "layer.h")
 _FLAGS = ("-std=c++17", "-O3", "-march=native", "-fPIC")
-_TIMEOUT_S = 60
+_TIMEOUT_S = 180
 _OPENING = threading.Lock()
 
 

@@ -86,11 +86,10 @@ void backward(const Problem& p, int threads, const T* kept, const T* result_grad
             add(g + b * width, width, mine[1] + part * width);
         }
         const auto [values, size] = read<T>(p, limb);
-        Word<T>* left = scratch.left.of<Word<T>>(words<T>(p.batch) * count);
         Word<T>* right = scratch.right.of<Word<T>>(packed_size<T>(p.batch, width));
-        interleave(values, size, p.batch, count, left, count);
+        const Left<T> left = transpose_left(values, size, p.batch, count, scratch.left);
         pack(g, width, p.batch, width, right);
-        product(count, width, words<T>(p.batch), left, 1, count, right, [&](Index i, const float* sum) {
+        product(count, width, p.batch, left, right, [&](Index i, const float* sum) {
             add(sum, width, mine[0] + (member * p.texts + p.text[p.firsts[limb] + i]) * width);
         });
     }

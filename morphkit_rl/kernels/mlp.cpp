@@ -137,12 +137,11 @@ class Network {
 
     void weigh(const T* in, const T* g, Index layer, const Block& block, float* const* gradients) {
         const Index m = sizes.widths[layer], n = sizes.widths[layer + 1], width = sizes.padded(layer + 1);
-        Word<T>* left = scratch.left.of<Word<T>>(words<T>(block.rows) * m);
         Word<T>* right = scratch.right.of<Word<T>>(packed_size<T>(block.rows, width));
-        interleave(in, sizes.padded(layer), block.rows, m, left, m);
+        const Left<T> left = transpose_left(in, sizes.padded(layer), block.rows, m, scratch.left);
         pack(g, width, block.rows, width, right);
         float* sum = gradients[2 * layer] + block.member * m * n;
-        product(m, width, words<T>(block.rows), left, 1, m, right, [&](Index r, const float* values) {
+        product(m, width, block.rows, left, right, [&](Index r, const float* values) {
 #pragma omp simd
             for (Index i = 0; i < n; ++i) sum[r * n + i] += values[i];
         });

@@ -294,11 +294,10 @@ class Network {
     // Adds in^T g (m x used numbers) to the rows that `sums` gives.
     template <class Sums>
     void weigh(const T* in, Index in_step, Index m, const T* g, Index n, Index rows, Sums&& sums, Index used) {
-        Word<T>* left = scratch.left.of<Word<T>>(words<T>(rows) * m);
         Word<T>* right = scratch.right.of<Word<T>>(packed_size<T>(rows, n));
-        interleave(in, in_step, rows, m, left, m);
+        const Left<T> left = transpose_left(in, in_step, rows, m, scratch.left);
         pack(g, n, rows, n, right);
-        product(m, n, words<T>(rows), left, 1, m, right, [&](Index r, const float* values) {
+        product(m, n, rows, left, right, [&](Index r, const float* values) {
             float* sum = sums(r);
 #pragma omp simd
             for (Index i = 0; i < used; ++i) sum[i] += values[i];

@@ -27,9 +27,14 @@ from tests.support.kernels import LOAD, compiled
 from tests.support.networks import ROBOTS, SIZE, layout_of, rows, spec
 from tests.support.published_networks import assert_same_networks, random_parents
 
-ERRORS = {torch.float32: 2e-6, torch.bfloat16: 0.1}
-KINDS = {"": (torch.float32, torch.bfloat16), " -mno-avx512f": (torch.float32,)}
-"""Options of the compiler, the second for narrower vectors than most servers have, and the precisions to test."""
+ERRORS = {torch.float32: 2e-6, torch.bfloat16: 0.2}
+"""Of a whole gradient; in bfloat16, one relu in a hundred is on the other side of zero."""
+KINDS = {
+    "": (torch.float32, torch.bfloat16),
+    " -mno-avx512f": (torch.float32,),
+    " -mno-amx-bf16": (torch.bfloat16,),
+}
+"""Options of the compiler, the latter for processors with less than most servers have, and the precisions to test."""
 
 
 @pytest.fixture(params=[1, 3], ids="{}-threads".format)
@@ -54,8 +59,8 @@ def precision(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -
     if options:
         monkeypatch.setattr(library, "load", functools.partial(made_with, options))
     library.function.cache_clear()
-    if library.function("layer_forward", dtype) is None:
-        pytest.skip(f"a processor without {dtype}")
+    if dtype == torch.bfloat16 and library.function("layer_forward", dtype) is None:
+        pytest.skip("a processor without bfloat16")
     yield dtype
     library.function.cache_clear()
 
