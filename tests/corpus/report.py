@@ -20,9 +20,10 @@ Outcome = dict[str, Any]
 HEAD = """# Robots of other people
 
 Written by `make corpus` (or joined from several of its runs by `python -m tests.corpus.report`), which runs every URDF,
-xacro and MJCF file of the packages below through `morphkit tokens`, and cuts every limb of every robot, one at a time
-and with all below it. A file gives tokens or a precise error; anything else is a failure. A cut is held to three
-things:
+xacro and MJCF file of the packages below through `morphkit tokens`, every URDF through `morphkit convert`, and cuts
+every limb of every robot, one at a time and with all below it. A file gives tokens or a precise error; anything else is
+a failure. What `convert` refuses, `morphkit check` must refuse as well, with an error; a file that it passes counts as
+contradiction. A cut is held to three things:
 
 - The robot is the one that `MjSpec.delete` leaves: all arrays of the two compiled models within 1e-9, and the names of
   their elements. Cameras and lights that `MjSpec.delete` leaves turned toward a removed body are turned away from it
@@ -48,7 +49,7 @@ mesh's scale of four numbers).
 Of a URDF, meshes are compared geom by geom: MuJoCo's importer orders them by their first use. A robot's own materials
 are put before those of its links, as URDF has it; MuJoCo's importer alone would take the first of a name in the file.
 
-`-`: run with `--tokens-only`, limbs were not cut.
+`-`: run with `--tokens-only`, neither converted nor cut.
 """
 
 
@@ -63,26 +64,35 @@ def report(outcomes: Iterable[Outcome]) -> str:
     parts = [
         HEAD,
         _table(
-            ("collection", "files", "robots with tokens", "errors", "failures", "limbs cut",
-             "compared with meshes", "compared mesh-free", "not compared", "different"),
+            ("collection", "files", "robots with tokens", "errors", "failures", "URDFs converted", "refused",
+             "contradictions", "limbs cut", "compared with meshes", "compared mesh-free", "not compared", "different"),
             [*rows, ("all", *_row("", everything)[1:5], *_row("", was_cut)[5:])],
         ),
-        "\n## Failures and differences\n",
+        "\n## Failures, contradictions and differences\n",
         _bullets(_failures(everything)),
         "\n## Errors\n",
         _table(("count", "error", "for example"), _errors(everything)),
+        "\n## What `convert` refuses\n",
+        _table(("count", "error", "for example"), _refusals(everything)),
         "\n## Limbs that were not compared\n",
         _table(("count", "why", "for example"), _reasons(was_cut)),
     ]  # fmt: skip
     return "\n".join(parts)
 
 
+def is_wrong(outcome: Outcome) -> bool:
+    """Whether a robot failed, a cut of it differs, or `check` passes what `convert` refuses."""
+    return outcome["result"] == "failure" or bool(outcome.get("contradiction") or outcome.get("different"))
+
+
 def _failures(outcomes: list[Outcome]) -> Iterator[str]:
-    """Every failure, and up to three differences a robot."""
+    """Every failure and contradiction, and up to three differences a robot."""
     for outcome in outcomes:
         robot = f"`{outcome['collection']}/{outcome['file']}` {outcome.get('root', '')}".rstrip()
         if outcome["result"] == "failure":
             yield f"{robot}: {_line(outcome['detail'])}"
+        if outcome.get("contradiction"):
+            yield f"{robot}: `check` passes it, `convert` does not: {outcome['contradiction']}"
         for limb, what in list(outcome.get("different", {}).items())[:3]:
             yield f"{robot}: {limb}: {what}"
 
@@ -98,7 +108,10 @@ def _row(name: str, found: list[Outcome]) -> tuple[str, ...]:
     different = sum(len(o.get("different", {})) for o in found)
     numbers = (files, results["tokens"], results["error"], results["failure"])
     if not _was_cut(found):
-        return (name, *map(str, numbers), "-", "-", "-", "-", "-")
+        return (name, *map(str, numbers), *["-"] * 8)
+    converted = Counter(o["converted"] for o in found if o.get("converted") is not None)
+    contradictions = sum(bool(o.get("contradiction")) for o in found)
+    numbers += (converted[True], converted[False], contradictions)
     return (name, *map(str, (*numbers, cut, compared["meshes"], compared["mesh-free"], missed, different)))
 
 
@@ -115,10 +128,17 @@ def _missed(outcome: Outcome) -> int:
 
 
 def _errors(outcomes: list[Outcome]) -> list[tuple[str, ...]]:
+    return _grouped((outcome["detail"], outcome) for outcome in outcomes if outcome["result"] == "error")
+
+
+def _refusals(outcomes: list[Outcome]) -> list[tuple[str, ...]]:
+    return _grouped((outcome["refused"], outcome) for outcome in outcomes if outcome.get("refused"))
+
+
+def _grouped(said: Iterable[tuple[str, Outcome]]) -> list[tuple[str, ...]]:
     groups: dict[str, list[Outcome]] = defaultdict(list)
-    for outcome in outcomes:
-        if outcome["result"] == "error":
-            groups[_kind(outcome["detail"])].append(outcome)
+    for detail, outcome in said:
+        groups[_kind(detail)].append(outcome)
     ordered = sorted(groups.items(), key=lambda item: -len(item[1]))
     return [(str(len(found)), kind, f"`{found[0]['file']}`") for kind, found in ordered]
 

@@ -13,12 +13,11 @@ import queue
 import subprocess
 import sys
 import threading
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .report import report
+from .report import is_wrong, report
 
 SUFFIXES = (".urdf", ".xml", ".xacro")
 SECONDS_A_FILE = 300
@@ -38,13 +37,13 @@ def _is_mjcf(source: bytes) -> bool:
     return b"<mujoco" in source and b"<mujocoinclude" not in source
 
 
-def run(paths: list[Path], collection: Path, *, cuts: bool) -> list[dict[str, Any]]:
+def run(paths: list[Path], collection: Path, *, whole: bool) -> list[dict[str, Any]]:
     """Outcomes of all files; a file on which the worker dies or hangs is a failure."""
     outcomes: list[dict[str, Any]] = []
     left = [str(path) for path in paths]
     while left:
         current, reason = None, ""
-        command = [sys.executable, "-m", "tests.corpus.survey", str(collection), *([] if cuts else ["--tokens-only"])]
+        command = [sys.executable, "-m", "tests.corpus.survey", str(collection), *([] if whole else ["--tokens-only"])]
         worker = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         assert worker.stdin is not None
         lines: queue.Queue[str | None] = queue.Queue()
@@ -90,17 +89,17 @@ def _write(stream: Any, text: str) -> None:
 
 
 def main() -> int:
-    """Parse the arguments, run, write; 1 where a file failed or a cut differs."""
+    """Parse the arguments, run, write; 1 where something is wrong."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folders", nargs="+", type=Path, help="folders that hold one collection each")
     parser.add_argument("--output", type=Path, help="write the table here instead of stdout")
     parser.add_argument("--raw", type=Path, help="write all outcomes here, one JSON object a line")
-    parser.add_argument("--tokens-only", action="store_true", help="do not cut")
+    parser.add_argument("--tokens-only", action="store_true", help="neither convert nor cut")
     arguments = parser.parse_args()
     outcomes = []
     for folder in arguments.folders:
         print(folder, file=sys.stderr)
-        found = run(list(files([folder])), folder, cuts=not arguments.tokens_only)
+        found = run(list(files([folder])), folder, whole=not arguments.tokens_only)
         outcomes += [
             {**outcome, "collection": folder.name, "file": _short(outcome["file"], folder)} for outcome in found
         ]
@@ -111,8 +110,7 @@ def main() -> int:
         arguments.output.write_text(text)
     else:
         print(text)
-    results = Counter(outcome["result"] for outcome in outcomes)
-    return 1 if results["failure"] or any(outcome.get("different") for outcome in outcomes) else 0
+    return 1 if any(map(is_wrong, outcomes)) else 0
 
 
 def _short(file: str, folder: Path) -> str:

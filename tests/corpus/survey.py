@@ -1,4 +1,4 @@
-"""Everything that is tried on one file: tokens, and the cut of every limb against `MjSpec.delete`."""
+"""Everything that is tried on one file: tokens, conversion, and the cut of every limb against `MjSpec.delete`."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from morphkit.simulation import spec as mujoco_spec
 from morphkit.tokens.spec import token_spec
 
 from .compare import Form, differences, forms, has_meshes, missing_names, spec_of, without_body
+from .conversion import passes_check, refusal
 from .source import foreign_lines, unexplained
 
 SECONDS_WITH_MESHES = 2.0
@@ -31,7 +32,11 @@ _ROOTS = re.compile(r"top-level \w+ elements, expected one: (.*)\. Say which")
 
 @dataclass
 class Outcome:
-    """What came of one robot: `tokens`, `error` (a precise one) or `failure` (a traceback or a crash)."""
+    """What came of one robot: `tokens`, `error` (a precise one) or `failure` (a traceback or a crash).
+
+    `converted` is None where that was not tried, as of MJCF; `refused` says why not. `contradiction` is what `convert`
+    said of a file that `check` passes.
+    """
 
     file: str
     root: str = ""
@@ -41,6 +46,9 @@ class Outcome:
     sensors: int = 0
     actuators: int = 0
     declared: int = 0
+    converted: bool | None = None
+    refused: str = ""
+    contradiction: str = ""
     forms: dict[str, str] = field(default_factory=dict)
     compared: dict[str, int] = field(default_factory=dict)
     uncompared: dict[str, str] = field(default_factory=dict)
@@ -48,32 +56,42 @@ class Outcome:
     seconds: float = 0.0
 
 
-def survey(path: str, collection: Path, *, cuts: bool) -> list[Outcome]:
+def survey(path: str, collection: Path, *, whole: bool) -> list[Outcome]:
     """Try one file of a collection; one with several robots gives an outcome for itself and one a robot."""
-    outcome = _survey(path, None, collection, cuts)
+    outcome = _survey(path, None, collection, whole)
     roots = _ROOTS.search(outcome.detail)
     several = roots[1].split(", ")[:6] if roots is not None else []
-    return [outcome, *(_survey(path, root, collection, cuts) for root in several)]
+    return [outcome, *(_survey(path, root, collection, whole) for root in several)]
 
 
-def _survey(path: str, root: str | None, collection: Path, cuts: bool) -> Outcome:
+def _survey(path: str, root: str | None, collection: Path, whole: bool) -> Outcome:
     outcome = Outcome(path, root or "")
     start = time.perf_counter()
     try:
-        description = load(path, root=root, packages={"collection": collection})
-        morphology = read(description)
-        spec = token_spec(morphology)
-        outcome.limbs, outcome.sensors, outcome.actuators = len(spec.limbs), len(spec.sensors), len(spec.actuators)
-        outcome.declared = len(token_spec(morphology, naming="canonical", sensors="declared").sensors)
-        assert token_spec(read(description)).to_json() == spec.to_json(), "the same file gives other bytes"
-        if cuts and len(spec.limbs) > 1:
-            _cut_each(description, outcome)
-    except MorphkitError as error:
-        outcome.result, outcome.detail = "error", str(error)[:600]
+        try:
+            _read(load(path, root=root, packages={"collection": collection}), outcome, whole)
+        except MorphkitError as error:
+            outcome.result, outcome.detail = "error", str(error)[:600]
+        said = outcome.refused or ("" if path.endswith(".xml") else outcome.detail)
+        if whole and said and root is None and passes_check(path, collection):
+            outcome.contradiction = said
     except Exception:
         outcome.result, outcome.detail = "failure", traceback.format_exc()[-1500:]
     outcome.seconds = round(time.perf_counter() - start, 2)
     return outcome
+
+
+def _read(description: Description, outcome: Outcome, whole: bool) -> None:
+    morphology = read(description)
+    spec = token_spec(morphology)
+    outcome.limbs, outcome.sensors, outcome.actuators = len(spec.limbs), len(spec.sensors), len(spec.actuators)
+    outcome.declared = len(token_spec(morphology, naming="canonical", sensors="declared").sensors)
+    assert token_spec(read(description)).to_json() == spec.to_json(), "the same file gives other bytes"
+    if whole and description.format == "urdf":
+        outcome.refused = refusal(description)
+        outcome.converted = not outcome.refused
+    if whole and len(spec.limbs) > 1:
+        _cut_each(description, outcome)
 
 
 def _cut_each(description: Description, outcome: Outcome) -> None:
@@ -134,14 +152,14 @@ def _check_source(before: bytes, variant: Variant, limb: str, bodies: list[str],
 
 def main() -> None:
     """Try the files that stdin lists, one a line; print `START file`, then its outcomes as JSON."""
-    cuts, collection = "--tokens-only" not in sys.argv, Path(sys.argv[1]).resolve()
+    whole, collection = "--tokens-only" not in sys.argv, Path(sys.argv[1]).resolve()
     mujoco_spec.read_for_mujoco = lru_cache(maxsize=1000)(
         mujoco_spec.read_for_mujoco
     )  # robots of a collection share meshes
     for line in sys.stdin:
         path = line.strip()
         print("START", path, flush=True)
-        for outcome in survey(path, collection, cuts=cuts):
+        for outcome in survey(path, collection, whole=whole):
             print(json.dumps(asdict(outcome)), flush=True)
         print("END", path, flush=True)
 
