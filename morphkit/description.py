@@ -26,6 +26,9 @@ class RobotInfo:
         labels: Limb name -> what tokens call it, of limbs whose names read like those of others that were cut off.
         task: Name of the task that the robot is meant for.
         base: How the root is attached to the world, where the file leaves it open.
+        start: Start pose: the coordinates of joints by name, rad or m; or `zero`: the file's zero pose, whatever the
+            limits; or `middle`: joints whose zero lies outside of their limits start in the middle of these; or the
+            name of a keyframe. Empty: as `simulation.start_pose` has it.
         healthy_height: Overrides the task's healthy height of the root, m.
         expert_return: Return of a single-robot expert, to normalize scores with.
     """
@@ -40,6 +43,7 @@ class RobotInfo:
     labels: dict[str, str] = field(default_factory=dict)
     task: str | None = None
     base: Base | None = None
+    start: str | dict[str, float] = ""
     healthy_height: tuple[float, float] | None = None
     expert_return: float | None = None
 

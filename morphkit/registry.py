@@ -137,7 +137,22 @@ def _full(toml: RobotToml, root: str | None) -> Description:
     path = toml.path.parent / toml.file
     if not path.is_file():
         raise DescriptionError(f"{toml.path}: its file {toml.file!r} does not exist")
-    return _describe(path, path.stem, toml.info, root)
+    description = _describe(path, path.stem, toml.info, root)
+    if isinstance(toml.info.start, dict):
+        _check_start(toml, description)
+    return description
+
+
+def _check_start(toml: RobotToml, description: Description) -> None:
+    """Refuse coordinates of joints that the robot does not have."""
+    from morphkit.readers import read
+
+    joints = [joint.name for joint in read(description).joints if joint.kind in ("hinge", "slide")]
+    for name in toml.info.start:
+        if name not in joints:
+            raise DescriptionError(
+                f"{toml.path}: start: there is no hinge or slide {name!r} in {toml.file}{did_you_mean(name, joints)}"
+            )
 
 
 def _cut(full: Description, name: str, recipe: Recipe) -> Description:
@@ -186,7 +201,7 @@ def _load_file(path: Path, root: str | None) -> Description:
     if beside.is_file():
         toml = read_robot_toml(beside)
         if toml.file == path.name:
-            return _describe(path, path.stem, toml.info, root)
+            return _full(toml, root)
     listing = path.parent / MANIFEST
     if listing.is_file():
         from morphkit.families.manifest import read_manifest

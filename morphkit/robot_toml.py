@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -137,6 +138,19 @@ def _canonical(value: Any, where: str) -> dict[str, str]:
     return table
 
 
+def _start(value: Any, where: str) -> str | dict[str, float]:
+    if isinstance(value, dict):
+        return {joint: _coordinate(number, f"{where}.{joint}") for joint, number in value.items()}
+    _expect(isinstance(value, str) and value != "", where, "a table of joints, 'zero', 'middle' or a keyframe", value)
+    return str(value)
+
+
+def _coordinate(value: Any, where: str) -> float:
+    number = _number(value, where)
+    _expect(math.isfinite(number), where, "finite", value)
+    return number
+
+
 def _table(value: Any, where: str) -> dict[str, Any]:
     _expect(isinstance(value, dict), where, "a table", value)
     return dict(value)
@@ -159,6 +173,7 @@ _INFO_KEYS: dict[str, Callable[[Any, str], Any]] = {
     "type_matched_in": _one_of("body", "joint"),
     "task": _text,
     "base": _one_of(*get_args(Base)),
+    "start": _start,
     "healthy_height": _range,
     "expert_return": _number,
     "canonical": _canonical,

@@ -13,8 +13,9 @@ import numpy as np
 from morphkit.comparison import arrays
 from morphkit.description import Description
 from morphkit.morphology import Actuator, Morphology
-from morphkit.simulation.inspection_model import JOINT_KINDS, Mechanics, couplings, load_mechanics
+from morphkit.simulation.inspection_model import JOINT_KINDS, Mechanics, load_mechanics
 from morphkit.simulation.limb_inertia import limb_masses
+from morphkit.simulation.start_pose import couplings
 from morphkit.tokens.spec import TokenSpec, token_spec
 
 Value = str | float | tuple[float, ...] | tuple[str, ...] | None

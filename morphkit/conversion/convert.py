@@ -19,7 +19,9 @@ from morphkit.formats.document import document_of
 from morphkit.morphology import Base, Morphology
 from morphkit.readers import read
 from morphkit.simulation import completion
+from morphkit.simulation.ground import raise_root
 from morphkit.simulation.spec import compile_spec, load_spec
+from morphkit.simulation.start_pose import KEYFRAMES, start_pose
 
 _DIGEST, _LONGEST_STEM = 8, 50
 
@@ -64,8 +66,8 @@ def convert(
     Args:
         description: The URDF.
         base: How to attach a root that no joint attaches; None takes what the description says.
-        floor: Whether to add a floor; None adds one where the base is not fixed. A root that can move is then raised
-            until the robot starts 1 cm above it.
+        floor: Whether to add a floor; None adds one where the base is not fixed. A root that can move is then put at
+            the height at which the robot touches it in its start pose.
         thorough: Whether a time step is looked for at which the robot stays finite whatever its motors do, which takes
             seconds; else only one at which it does by itself.
 
@@ -103,7 +105,7 @@ def convert(
     if base != "fixed":
         if floor:
             model = compile_spec(spec.copy(), description.file)
-            root.pos[2] += completion.CLEARANCE_M - completion.lowest_point(model, model.body(root.name).id)
+            raise_root(spec, root, model, start_pose(model, description.info.start, description.file))
         if own_base is None:
             completion.add_base_joints(spec, root, base)
             notes.append(f"a {base} base was added at {root.name!r}")
@@ -113,6 +115,7 @@ def convert(
     completion.add_motors(spec, morphology.actuators)
     notes += _motor_notes(morphology)
     _name_meshes(spec)
+    notes += _add_keyframe(spec, description)
     model = compile_spec(spec, description.file)
     if thorough or not stays_finite(model):
         notes += settle_timestep(spec, model, description.file)
@@ -127,6 +130,15 @@ def convert(
         motors=int(model.nu),
         mass=float(model.body_subtreemass[model.body(root.name).id]),
     )
+
+
+def _add_keyframe(spec: mujoco.MjSpec, description: Description) -> Iterator[str]:
+    """Add the start pose as a keyframe where it is another than the zero pose."""
+    model = compile_spec(spec.copy(), description.file)
+    start = start_pose(model, description.info.start, description.file)
+    if not np.array_equal(start, model.qpos0):
+        spec.add_key(name=KEYFRAMES[0], qpos=start)
+        yield f"keyframe {KEYFRAMES[0]!r} holds the start pose, in which all joints are within their limits"
 
 
 def _motor_notes(morphology: Morphology) -> Iterator[str]:

@@ -75,6 +75,8 @@ def holds(model: mujoco.MjModel, hold: float | None, duration: float = _DURATION
 
 def _holds(model: mujoco.MjModel, hold: float | None, duration: float) -> bool:
     data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
     random = np.random.default_rng(0)
     bounded = model.actuator_ctrllimited.astype(bool)[:, None]
     low, high = np.where(bounded, model.actuator_ctrlrange, [-1.0, 1.0]).T

@@ -151,6 +151,7 @@ def _from_json(path: Path, data: Mapping[str, Any]) -> Manifest:
         labels=dict(shared.get("labels", {})),
         task=data["task"],
         base=base,
+        start=_start(shared.get("start", "")),
         healthy_height=None if height is None else _height(*height),
     )
     return Manifest(
@@ -196,3 +197,12 @@ def _inside(file: str) -> str:
 
 def _height(low: float | None, high: float | None) -> tuple[float, float]:
     return (-math.inf if low is None else float(low), math.inf if high is None else float(high))
+
+
+def _start(value: Any) -> str | dict[str, float]:
+    if isinstance(value, str):
+        return value
+    found = {str(joint): float(number) for joint, number in value.items()}
+    if not all(map(math.isfinite, found.values())):
+        raise ValueError("start has a value that is not finite")
+    return found

@@ -167,6 +167,8 @@ def _head(source: Description, info: RobotInfo) -> dict[str, Any]:
     }
     if info.labels:
         shared["labels"] = info.labels
+    if info.start:
+        shared["start"] = info.start
     if info.healthy_height is not None:
         shared["healthy_height"] = [value if math.isfinite(value) else None for value in info.healthy_height]
     return {

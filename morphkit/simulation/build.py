@@ -15,11 +15,15 @@ from morphkit.morphology import Base, Morphology
 from morphkit.readers import read
 from morphkit.readers.mjcf import subtree
 from morphkit.simulation import completion
+from morphkit.simulation.ground import lowest_point, raise_root
 from morphkit.simulation.inertia import settle_masses
 from morphkit.simulation.mesh_repair import settle_meshes
 from morphkit.simulation.spec import compile_spec, load_spec
+from morphkit.simulation.start_pose import outside_limits, stand, start_pose
 from morphkit.tokens.quantities import numbers_per_limb, sensed_quantities
 from morphkit.tokens.spec import TokenSpec, token_spec
+
+_SHOWN_NAMES = 4
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,7 @@ class Simulation:
         morphology: Its limbs, joints and actuators; `base` is how the model attaches the root.
         tokens: Its raw tokens; controls of `model` are in the order of `tokens.actuators`.
         model: The complete model, limb sensors last. Automatic resets are off: a diverged state stays visible as such.
+        start: Coordinates of the start pose, see `start_pose`, (nq,), read-only.
         kinematics: A copy that senses limbs without computing forces. One step of it from a state, whatever the result,
             leaves in `sensordata` what `mj_forward` would sense there.
         limb_body: Body id of every limb, int (limbs,).
@@ -45,6 +50,7 @@ class Simulation:
     morphology: Morphology
     tokens: TokenSpec
     model: mujoco.MjModel
+    start: np.ndarray
     kinematics: mujoco.MjModel
     limb_body: np.ndarray
     limb_sensor: np.ndarray
@@ -81,8 +87,8 @@ def build_simulation(description: Description, *, base: Base | None = None) -> S
     """Compile a description together with what it lacks to be simulated.
 
     Added where missing: a floor (`morphkit_floor`), base joints, motors within the effort limits (URDF); always, and
-    last: the sensors of the limbs. A root that gets base joints is raised until the robot starts 1 cm above the floor,
-    and so is one that would start within a floor that was added.
+    last: the sensors of the limbs. The robot starts in its start pose, its root at the height at which it touches the
+    ground; a root on slides of the file's own keeps its height where it starts in the zero pose and above the floor.
 
     Args:
         description: The robot.
@@ -116,11 +122,17 @@ def build_simulation(description: Description, *, base: Base | None = None) -> S
             "were found in the file; actuators with several inputs are not supported"
         )
     body_ids = [model.body(name).id for name in limbs]
+    start = start_pose(model, description.info.start, description.file)
+    if own_base is not None:
+        start = stand(model, start, body_ids[0])
+    start.flags.writeable = False
+    notes += _start_notes(model)
     return Simulation(
         description=description,
         morphology=morphology,
         tokens=tokens,
         model=model,
+        start=start,
         kinematics=_kinematics(model),
         limb_body=np.array(body_ids),
         limb_sensor=_sensor_addresses(model, limbs),
@@ -140,12 +152,13 @@ def _complete(
     has_floor = not completion.add_floor(spec, solid=base != "fixed")
     if base != "fixed" and (own_base is None or not has_floor):
         model = compile_spec(spec.copy(), description.file)
+        pose = start_pose(model, description.info.start, description.file)
         if own_base is None:
-            completion.raise_root(spec, root, model)
+            raise_root(spec, root, model, pose)
             completion.add_base_joints(spec, root, base)
             notes.append(f"a {base} base was added at {root.name!r}, which starts at height {root.pos[2]:.3f} m")
-        elif completion.lowest_point(model, model.body(root.name).id) < 0:
-            completion.raise_root(spec, root, model)
+        elif lowest_point(model, model.body(root.name).id, pose) < 0:
+            raise_root(spec, root, model, pose)
             notes.append(f"{root.name!r} was raised to {root.pos[2]:.3f} m, out of the floor")
     if not has_floor:
         notes.append("a floor was added")
@@ -153,6 +166,14 @@ def _complete(
         completion.add_motors(spec, morphology.actuators)
         notes.append(f"{len(morphology.actuators)} motors were added, each bounded by its joint's effort limit")
     return notes
+
+
+def _start_notes(model: mujoco.MjModel) -> list[str]:
+    outside = outside_limits(model)
+    if not outside:
+        return []
+    names = ", ".join(outside[:_SHOWN_NAMES]) + (", ..." if len(outside) > _SHOWN_NAMES else "")
+    return [f"the zero pose of {len(outside)} joints lies outside of their limits, where none starts: {names}"]
 
 
 def _find_root(spec: mujoco.MjSpec, morphology: Morphology) -> Any:

@@ -18,7 +18,6 @@ from morphkit.simulation.mesh_repair import settle_meshes
 from morphkit.tokens.quantities import sensed_quantities
 
 FLOOR_NAME = "morphkit_floor"
-CLEARANCE_M = 0.01
 URDF_TIMESTEP_S = 0.004
 URDF_ARMATURE = 0.01
 URDF_DAMPING = 0.1
@@ -119,57 +118,6 @@ def add_base_joints(spec: mujoco.MjSpec, root: Any, base: Base) -> None:
             frictionloss=0,
             ref=root.pos[2] if name == "root_z" else 0,
         )
-
-
-def raise_root(spec: mujoco.MjSpec, root: Any, model: mujoco.MjModel) -> None:
-    """Raise (or lower) the root until the robot starts `CLEARANCE_M` above the world's origin.
-
-    Args:
-        spec: Changed in place.
-        root: A top-level body; one within a frame is taken out of it, so that its `pos` is in the world.
-        model: `spec` compiled.
-    """
-    own = model.body(root.name)
-    if root.frame is not None:
-        root.set_frame(spec.worldbody.add_frame())
-        root.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-        root.pos, root.quat = own.pos, own.quat
-    root.pos[2] += CLEARANCE_M - lowest_point(model, own.id)
-
-
-def lowest_point(model: mujoco.MjModel, root: int) -> float:
-    """Height above the world's origin, m, of the lowest point of the robot's geoms in the start configuration.
-
-    Geoms that can touch something count; where none can, all do.
-    """
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    own = model.body_rootid[model.geom_bodyid] == root
-    touching = own & ((model.geom_contype > 0) | (model.geom_conaffinity > 0))
-    geoms = np.flatnonzero(touching if touching.any() else own)
-    return min((lowest_of(model, data, geom) for geom in geoms), default=float(data.xpos[root, 2]))
-
-
-def lowest_of(model: mujoco.MjModel, data: mujoco.MjData, geom: int | np.integer) -> float:
-    """Lowest height of one geom, m; that of its bounding sphere where the type is not known here."""
-    types, size = mujoco.mjtGeom, model.geom_size[geom]
-    height, down = float(data.geom_xpos[geom, 2]), data.geom_xmat[geom].reshape(3, 3)[2]
-    kind = model.geom_type[geom]
-    if kind == types.mjGEOM_SPHERE:
-        return height - float(size[0])
-    if kind == types.mjGEOM_CAPSULE:
-        return height - float(abs(down[2]) * size[1] + size[0])
-    if kind == types.mjGEOM_CYLINDER:
-        return height - float(abs(down[2]) * size[1] + size[0] * np.sqrt(max(0.0, 1 - down[2] ** 2)))
-    if kind == types.mjGEOM_ELLIPSOID:
-        return height - float(np.linalg.norm(down * size))
-    if kind == types.mjGEOM_BOX:
-        return height - float(np.abs(down) @ size)
-    if kind == types.mjGEOM_MESH:
-        mesh = model.geom_dataid[geom]
-        first = model.mesh_vertadr[mesh]
-        return height + float((model.mesh_vert[first : first + model.mesh_vertnum[mesh]] @ down).min())
-    return height - float(model.geom_rbound[geom])
 
 
 def add_motors(spec: mujoco.MjSpec, actuators: Sequence[Actuator]) -> None:

@@ -23,11 +23,13 @@ from morphkit.readers import read
 from morphkit.readers.urdf import drive_limits
 from morphkit.simulation import completion, visual_geoms
 from morphkit.simulation.spec import compile_spec, drop_shape, load_spec
+from morphkit.simulation.start_pose import stand, start_pose
 
 JOINT_KINDS: dict[int, JointKind] = {0: "free", 1: "ball", 2: "slide", 3: "hinge"}
 """Value of MuJoCo's mjtJoint -> kind of joint."""
 
 _TINY = 1e-12  # kg, kg*m^2: what MuJoCo needs to accept a moving body without a mass
+_COULD_TOUCH = 1  # As a geom's priority, which means nothing where nothing touches.
 _ELEMENT = re.compile(r"Element name '(.*?)', id \d+", re.DOTALL)
 
 
@@ -39,7 +41,7 @@ class Mechanics:
         description: Where it comes from.
         morphology: Its limbs.
         model: The model: the robot and what else is in its file, without contacts.
-        start: First key frame of the file, else its zero pose; hinges and slides within their limits, shape (nq,).
+        start: The start pose, shape (nq,).
         root: Body id of the root limb.
         limb_of: Body id -> name of the limb that the body belongs to, for all bodies of the robot.
         joints: Joint ids of the robot, those of its base first.
@@ -105,7 +107,9 @@ def load_mechanics(description: Description, *, shapes: bool = True) -> Mechanic
         model = _compile(spec, description.file, incomplete=weightless, notes=notes)
         _refuse_infinite(model, description.file)
     root_id = model.body(morphology.root.name).id
-    start = _start_pose(model)
+    start = start_pose(model, description.info.start, description.file)
+    if shapes:
+        start = stand(model, start, root_id, model.geom_priority == _COULD_TOUCH)
     if shapes:
         visual_geoms.color_limbs(model, root_id)
         if not has_floor:
@@ -142,17 +146,6 @@ def base_joints(mechanics: Mechanics) -> tuple[Joint, ...]:
     return tuple(found)
 
 
-def couplings(model: mujoco.MjModel) -> list[tuple[int, int, np.ndarray]]:
-    """Joints that follow another (a mimic joint): ids of follower and leader, coefficients (5,) of their polynomial."""
-    found = []
-    for number in range(model.neq):
-        follower, leader = int(model.eq_obj1id[number]), int(model.eq_obj2id[number])
-        joint = model.eq_type[number] == mujoco.mjtEq.mjEQ_JOINT
-        if joint and model.eq_active0[number] and leader >= 0 and follower >= 0:
-            found.append((follower, leader, np.array(model.eq_data[number, :5])))
-    return found
-
-
 def _weighs_by_shape(spec: mujoco.MjSpec, body: Any) -> bool:
     """Whether the body's mass follows from its shapes."""
     by_shape = spec.compiler.inertiafromgeom
@@ -187,6 +180,7 @@ def _compile(spec: mujoco.MjSpec, file: str, *, incomplete: set[str], notes: lis
     spec.compiler.boundmass, spec.compiler.boundinertia = _TINY, _TINY
     spec.compiler.balanceinertia = True
     for geom in spec.geoms:
+        geom.priority = _COULD_TOUCH if geom.contype or geom.conaffinity else 0
         geom.contype = geom.conaffinity = 0  # Else MuJoCo computes the convex hull of every mesh.
     for _ in range(len(spec.meshes) + len(spec.bodies) + 1):
         try:
@@ -234,13 +228,3 @@ def _leave_out(spec: mujoco.MjSpec, complaint: str, incomplete: set[str], notes:
     body.fullinertia = [np.nan, 0, 0, 0, 0, 0]
     body.mass, body.inertia, body.ipos = _TINY, [_TINY] * 3, [0, 0, 0]
     return True
-
-
-def _start_pose(model: mujoco.MjModel) -> np.ndarray:
-    """The first key frame, else the zero pose, with hinges and slides within their limits."""
-    pose = np.array(model.key_qpos[0] if model.nkey and np.isfinite(model.key_qpos[0]).all() else model.qpos0)
-    for joint in range(model.njnt):
-        if model.jnt_limited[joint] and JOINT_KINDS[int(model.jnt_type[joint])] in ("hinge", "slide"):
-            address = model.jnt_qposadr[joint]
-            pose[address] = np.clip(pose[address], *model.jnt_range[joint])
-    return pose

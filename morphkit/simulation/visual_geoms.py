@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from morphkit.readers.mjcf import subtree
-from morphkit.simulation.completion import lowest_of
+from morphkit.simulation.ground import lowest_of
 
 HIDDEN_GROUP = 5
 _SHOWN_GROUPS = 3  # MuJoCo's viewers show groups 0 to 2.

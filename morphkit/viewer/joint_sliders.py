@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from morphkit.simulation.inspection_model import Mechanics, couplings
+from morphkit.simulation.inspection_model import Mechanics
+from morphkit.simulation.start_pose import couplings, follow
 
 _BALL_DEGREES = 60.0
 _SLIDE_M = 0.25  # How far a slide without limits is moved each way.
@@ -77,10 +78,7 @@ def pose(mechanics: Mechanics, values: Mapping[str, float]) -> np.ndarray:
         turn = np.array([1.0, 0, 0, 0])
         mujoco.mju_quatIntegrate(turn, rotation, 1.0)
         mujoco.mju_mulQuat(qpos[address : address + 4], mechanics.start[address : address + 4], turn)
-    for follower, leader, coefficients in couplings(model):
-        there, here = model.jnt_qposadr[leader], model.jnt_qposadr[follower]
-        away = qpos[there] - model.qpos0[there]
-        qpos[here] = model.qpos0[here] + np.polynomial.polynomial.polyval(away, coefficients)
+    follow(model, qpos, couplings(model))
     return qpos
 
 

@@ -78,7 +78,7 @@ def render_frames(
     root = int(simulation.limb_body[0])
     yield from model_frames(
         _visuals_only(simulation.model) if simulation.description.format == "urdf" else simulation.model,
-        qpos,
+        simulation.start if qpos is None else qpos,
         root=root,
         base=simulation.base,
         width=width,
@@ -165,7 +165,7 @@ def start_reach(simulation: Simulation) -> float:
     import mujoco
 
     data = mujoco.MjData(simulation.model)
-    move(simulation.model, data, simulation.model.qpos0)
+    move(simulation.model, data, simulation.start)
     return _reach(simulation.model, data, int(simulation.limb_body[0]))
 
 

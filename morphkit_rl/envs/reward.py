@@ -10,7 +10,7 @@ import numpy as np
 
 from morphkit.simulation.build import Simulation
 from morphkit.tokens.quantities import quantity_columns
-from morphkit_rl.envs.tasks import Task, start_pose
+from morphkit_rl.envs.tasks import Task, start_frame
 
 
 class RewardPass:
@@ -54,7 +54,7 @@ class RewardPass:
         self._max_pitch = per_env(lambda s, t: _or_infinite(s, t.healthy_pitch)[0])
         self._max_state = per_env(lambda _, t: math.inf if t.healthy_state is None else t.healthy_state)
         self._free = np.flatnonzero(per_env(lambda s, _: s.base == "free"))
-        self._upright = per_env(lambda s, _: start_pose(s)[3:])[self._free]
+        self._upright = per_env(lambda s, _: start_frame(s)[3:])[self._free]
         self._bounded = np.flatnonzero(np.isfinite(self._max_state))
         size = per_env(lambda s, _: s.model.nq + s.model.nv)
         self._state_span = np.stack([env_start + 3, env_start + 1 + size], axis=1)[self._bounded].ravel()
@@ -155,7 +155,7 @@ def _height_offset(simulation: Simulation, task: Task) -> float:
     if not task.height_in_world or simulation.base != "planar":
         return 0.0
     address = simulation.model.jnt_qposadr[simulation.base_joints[1]]
-    return float(start_pose(simulation)[2] - simulation.model.qpos0[address])
+    return float(start_frame(simulation)[2] - simulation.start[address])
 
 
 def _or_infinite(

@@ -48,6 +48,7 @@ class SteppedRobot:
         self.nq, self.nv, self.frame_skip = self.model.nq, self.model.nv, task.frame_skip or 1
         self.start = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, mujoco.MjData(self.model), self.start, _STATE)
+        self.start[1 : 1 + self.nq] = simulation.start
         self.ctrl = np.zeros((n, self.frame_skip, self.model.nu))
         self.states = np.zeros((n, self.frame_skip, self.start.size))
         low = [-np.inf if token.low is None else token.low for token in simulation.tokens.actuators]
@@ -61,10 +62,18 @@ class SteppedRobot:
             for address, kind in zip(self.model.jnt_qposadr, self.model.jnt_type, strict=True)
             if kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL)
         ]
-        slides = np.flatnonzero((self.model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE) & (self.model.jnt_limited != 0))
-        self._slides = self.model.jnt_qposadr[slides]
-        travel, origin = self.model.jnt_range[slides], self.start[1 + self._slides]
+        confined = self._confined(simulation.start)
+        self._within = self.model.jnt_qposadr[confined]
+        travel, origin = self.model.jnt_range[confined], self.start[1 + self._within]
         self._travel = np.minimum(travel[:, 0], origin), np.maximum(travel[:, 1], origin)
+
+    def _confined(self, start: np.ndarray) -> np.ndarray:
+        """Ids of the joints that no noise takes out of their limits."""
+        moved = (start != self.model.qpos0)[self.model.jnt_qposadr]
+        slide, hinge = (
+            self.model.jnt_type == kind for kind in (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
+        )
+        return np.flatnonzero((slide | (hinge & moved)) & (self.model.jnt_limited != 0))
 
     @property
     def qpos(self) -> np.ndarray:
@@ -85,12 +94,13 @@ class SteppedRobot:
     def draw_start(self, rng: np.random.Generator, task: Task, n: int) -> np.ndarray:
         """Start states (n, size): the model's own with the task's noise.
 
-        Noise is for angles and for free motion; a slide with limits, such as a finger, stays within its travel.
+        Noise is for angles and for free motion; what has limits stays within these where it is a slide, such as a
+        finger, or a hinge that starts elsewhere than at its zero.
         """
         state = np.tile(self.start, (n, 1))
         qpos, qvel = state[:, 1 : 1 + self.nq], state[:, 1 + self.nq : 1 + self.nq + self.nv]
         qpos += rng.uniform(-task.qpos_noise, task.qpos_noise, qpos.shape)
-        qpos[:, self._slides] = qpos[:, self._slides].clip(*self._travel)
+        qpos[:, self._within] = qpos[:, self._within].clip(*self._travel)
         uniform = task.qvel_noise_kind == "uniform"
         noise = rng.uniform(-1.0, 1.0, qvel.shape) if uniform else rng.standard_normal(qvel.shape)
         qvel += task.qvel_noise * noise

@@ -11,7 +11,7 @@ import numpy as np
 
 from morphkit.errors import ConfigError, UnknownNameError
 from morphkit.simulation.build import Simulation
-from morphkit.simulation.completion import lowest_point
+from morphkit.simulation.ground import lowest_point
 from morphkit.utils.suggest import did_you_mean
 
 Range = tuple[float, float]
@@ -148,7 +148,7 @@ def task_for(simulation: Simulation, name: str | None = None) -> Task:
 
 def _bounds(simulation: Simulation, share: Range) -> Range | None:
     """Healthy heights of the root's frame, m; None for a robot without any extent."""
-    start, stature = float(start_pose(simulation)[2]), _stature(simulation)
+    start, stature = float(start_frame(simulation)[2]), _stature(simulation)
     whole = start if start > stature / 2 else stature
     low, high = (start - whole + each * whole for each in share)
     return (low, high) if whole > 0 else None
@@ -158,14 +158,16 @@ def _stature(simulation: Simulation) -> float:
     """How high the center of mass lies above the lowest point in the start configuration, m."""
     model, root = simulation.model, simulation.limb_body[0]
     data = mujoco.MjData(model)
+    data.qpos[:] = simulation.start
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    return float(data.subtree_com[root, 2]) - lowest_point(model, root)
+    return float(data.subtree_com[root, 2]) - lowest_point(model, root, simulation.start)
 
 
-def start_pose(simulation: Simulation) -> np.ndarray:
+def start_frame(simulation: Simulation) -> np.ndarray:
     """World position (3, m) and quaternion (4, real part first) of the root's frame in the start configuration."""
     data = mujoco.MjData(simulation.model)
+    data.qpos[:] = simulation.start
     mujoco.mj_kinematics(simulation.model, data)
     root = simulation.limb_body[0]
     return np.concatenate([data.xpos[root], data.xquat[root]])

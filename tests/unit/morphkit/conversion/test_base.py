@@ -29,11 +29,11 @@ def on_world(folder: Path, joint: str) -> Path:
 @pytest.mark.parametrize(
     ("joint", "asked", "kinds", "height"),
     [
-        ("floating", None, [FREE], 0.11),
-        ("planar", None, [SLIDE, SLIDE, HINGE], 0.11),
+        ("floating", None, [FREE], 0.1),
+        ("planar", None, [SLIDE, SLIDE, HINGE], 0.1),
         ("fixed", None, [], 0.0),
-        ("fixed", "free", [FREE], 0.11),
-        ("fixed", "planar", [SLIDE, SLIDE, HINGE], 0.11),
+        ("fixed", "free", [FREE], 0.1),
+        ("fixed", "planar", [SLIDE, SLIDE, HINGE], 0.1),
     ],
 )
 def test_base_of_a_robot_on_a_world_link(

@@ -41,6 +41,7 @@ def lowest_of_compiled(simulation: Simulation) -> float:
     """Distance of the robot from the floor at the start, by MuJoCo's own collision functions, m."""
     model = simulation.model
     data = mujoco.MjData(model)
+    data.qpos[:] = simulation.start
     mujoco.mj_forward(model, data)
     floor = model.geom(FLOOR_NAME).id
     touching = [g for g in range(model.ngeom) if g != floor and model.geom_contype[g]]
@@ -54,10 +55,10 @@ def test_urdf_gets_floor_base_and_motors(base: str) -> None:
     joints = [model.joint(j).name for j in range(model.njnt)]
     assert joints == (["root_x", "root_z", "root_y"] if base == "planar" else ["root_free"]) + ["hip"]
     assert simulation.base == simulation.tokens.base == base
-    assert lowest_of_compiled(simulation) == pytest.approx(0.01, abs=1e-6)
+    assert lowest_of_compiled(simulation) == pytest.approx(0, abs=1e-6)
     np.testing.assert_array_equal(model.actuator_ctrlrange, [[-30, 30]])
     assert (simulation.tokens.actuators[0].low, simulation.tokens.actuators[0].high) == (-30, 30)
-    assert model.qpos0[1 if base == "planar" else 2] == pytest.approx(0.41)
+    assert model.qpos0[1 if base == "planar" else 2] == pytest.approx(0.4)
     assert any("floor" in note for note in simulation.notes)
     assert any("motor" in note for note in simulation.notes)
 
@@ -98,12 +99,12 @@ def test_planar_base_moves_along_the_world_whatever_the_root_frame() -> None:
         'type="mesh" mesh="wedge" euler="30 40 50"',
     ],
 )
-def test_any_geom_starts_one_centimetre_above_the_floor(geom: str) -> None:
+def test_any_geom_starts_on_the_floor(geom: str) -> None:
     mesh = '<asset><mesh name="wedge" vertex="0 0 0  .5 0 0  0 .4 0  0 0 .3"/></asset>'
     simulation = build_simulation(
         mjcf(f'<body name="a" pos="0 0 -3"><geom pos=".1 .2 .3" {geom}/></body>', mesh), base="free"
     )
-    assert lowest_of_compiled(simulation) == pytest.approx(0.01, abs=1e-5)
+    assert lowest_of_compiled(simulation) == pytest.approx(0, abs=1e-5)
 
 
 @pytest.mark.parametrize("base", ["planar", "free"])
@@ -111,7 +112,7 @@ def test_a_root_within_a_turned_frame_starts_at_the_floor_and_leaves_what_else_i
     body = '<body name="a" pos="0 0 1" euler="0 0 40"><geom type="box" size=".1 .2 .3"/></body>'
     source = mjcf(f'<frame pos="1 2 3" euler="90 0 20">{body}<site name="mark" pos="1 1 1"/></frame>')
     plain, simulation = compile_plain(source), build_simulation(source, base=base)
-    assert lowest_of_compiled(simulation) == pytest.approx(0.01, abs=1e-6)
+    assert lowest_of_compiled(simulation) == pytest.approx(0, abs=1e-6)
     np.testing.assert_allclose(simulation.model.body("a").quat, plain.body("a").quat, atol=1e-12)
     np.testing.assert_allclose(simulation.model.body("a").pos[:2], plain.body("a").pos[:2], atol=1e-12)
     np.testing.assert_allclose(simulation.model.site("mark").pos, plain.site("mark").pos, atol=1e-12)
@@ -122,8 +123,8 @@ def test_a_root_within_a_turned_frame_starts_at_the_floor_and_leaves_what_else_i
 def test_a_robot_on_a_base_of_its_own_does_not_start_within_a_floor_that_was_added(joints: str) -> None:
     body = f'<body name="a" pos="0 0 {{}}">{joints}<geom type="box" size=".1 .2 .3"/></body>'
     sunken, above = (build_simulation(mjcf(body.format(height))) for height in (0.1, 0.5))
-    assert lowest_of_compiled(sunken) == pytest.approx(0.01, abs=1e-6)
-    assert lowest_of_compiled(above) == pytest.approx(0.2, abs=1e-6)
+    assert lowest_of_compiled(sunken) == pytest.approx(0, abs=1e-6)
+    assert lowest_of_compiled(above) == pytest.approx(0.2 * (joints == PLANAR), abs=1e-6)
     own_floor = build_simulation(mjcf(f'<geom type="plane" size="1 1 1" pos="0 0 -1"/>{body.format(0.1)}'))
     assert own_floor.model.body("a").pos[2] == 0.1
 
@@ -222,7 +223,7 @@ def test_collision_mesh_is_loaded_and_converted_where_mujoco_cannot_read_it(tmp_
     collision = f'<collision><geometry><mesh filename="meshes/claw.{suffix}"/></geometry></collision>'
     simulation = build_simulation(urdf(collision, folder=tmp_path), base="free")
     assert simulation.model.nmesh == 1
-    assert simulation.model.qpos0[2] == pytest.approx(0.71, abs=1e-5)
+    assert simulation.model.qpos0[2] == pytest.approx(0.7, abs=1e-5)
 
 
 def test_two_meshes_of_one_file_name_stay_apart(tmp_path: Path) -> None:

@@ -26,6 +26,10 @@ class FakeSimulation:
     limb_body: np.ndarray = field(default_factory=lambda: np.array([1]))
     description: Description = field(default_factory=lambda: Description("box", "box.xml", "mjcf", b""))
 
+    @property
+    def start(self) -> np.ndarray:
+        return np.array(self.model.qpos0)
+
 
 def redness(picture: np.ndarray) -> np.ndarray:
     """Where the red box is, bool, shape (height, width)."""

@@ -71,7 +71,7 @@ def test_forward_tasks_need_a_base_that_moves() -> None:
 def test_locomotion_is_filled_in_from_the_robot(base: str) -> None:
     task = task_for(body(base))
     assert task.frame_skip == 4  # 4 * 5 ms
-    assert task.healthy_height == pytest.approx((0.4 * 0.11, 2.0 * 0.11))
+    assert task.healthy_height == pytest.approx((0.4 * 0.1, 2.0 * 0.1))
     own = task_for(body(base, healthy_height=(0.05, 3.0)))
     assert own.healthy_height == (0.05, 3.0)
 
