@@ -11,7 +11,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from morphkit.conversion.timestep import settle_timestep, stays_finite
 from morphkit.conversion.unsupported import Missing, without_counterpart
 from morphkit.description import Description
 from morphkit.errors import ConfigError, DescriptionError
@@ -22,6 +21,7 @@ from morphkit.simulation import completion
 from morphkit.simulation.ground import raise_root
 from morphkit.simulation.spec import compile_spec, load_spec
 from morphkit.simulation.start_pose import KEYFRAMES, start_pose
+from morphkit.simulation.timestep import settle_timestep, stays_finite
 
 _DIGEST, _LONGEST_STEM = 8, 50
 
@@ -115,10 +115,14 @@ def convert(
     completion.add_motors(spec, morphology.actuators)
     notes += _motor_notes(morphology)
     _name_meshes(spec)
-    notes += _add_keyframe(spec, description)
     model = compile_spec(spec, description.file)
-    if thorough or not stays_finite(model):
-        notes += settle_timestep(spec, model, description.file)
+    start = start_pose(model, description.info.start, description.file)
+    if not np.array_equal(start, model.qpos0):
+        spec.add_key(name=KEYFRAMES[0], qpos=start)
+        notes.append(f"keyframe {KEYFRAMES[0]!r} holds the start pose, in which all joints are within their limits")
+        model = compile_spec(spec, description.file)
+    if thorough or not stays_finite(model, start):
+        notes += settle_timestep(spec, model, start, description.file)
     return Conversion(
         description=description,
         base=base,
@@ -130,15 +134,6 @@ def convert(
         motors=int(model.nu),
         mass=float(model.body_subtreemass[model.body(root.name).id]),
     )
-
-
-def _add_keyframe(spec: mujoco.MjSpec, description: Description) -> Iterator[str]:
-    """Add the start pose as a keyframe where it is another than the zero pose."""
-    model = compile_spec(spec.copy(), description.file)
-    start = start_pose(model, description.info.start, description.file)
-    if not np.array_equal(start, model.qpos0):
-        spec.add_key(name=KEYFRAMES[0], qpos=start)
-        yield f"keyframe {KEYFRAMES[0]!r} holds the start pose, in which all joints are within their limits"
 
 
 def _motor_notes(morphology: Morphology) -> Iterator[str]:

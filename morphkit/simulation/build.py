@@ -20,6 +20,7 @@ from morphkit.simulation.inertia import settle_masses
 from morphkit.simulation.mesh_repair import settle_meshes
 from morphkit.simulation.spec import compile_spec, load_spec
 from morphkit.simulation.start_pose import outside_limits, stand, start_pose
+from morphkit.simulation.timestep import settle_timestep
 from morphkit.tokens.quantities import numbers_per_limb, sensed_quantities
 from morphkit.tokens.spec import TokenSpec, token_spec
 
@@ -95,7 +96,7 @@ def build_simulation(description: Description, *, base: Base | None = None) -> S
         base: How to attach a root that has no joint of its own; None takes what the description says.
 
     Raises:
-        DescriptionError: MuJoCo cannot read or compile it, or it has more control inputs than actuator tokens.
+        DescriptionError: MuJoCo cannot read, compile or step it, or it has more control inputs than actuator tokens.
         AssetError: A mesh that the simulation needs is missing.
         ConfigError: `base` contradicts the root's own joints.
     """
@@ -113,8 +114,6 @@ def build_simulation(description: Description, *, base: Base | None = None) -> S
     notes = [*dropped, *_complete(spec, root, morphology, own_base, description)]
     completion.add_limb_sensors(spec, limbs)
     model = compile_spec(spec, description.file)
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_SENSOR)  # a file may do without; tokens cannot
     tokens = token_spec(morphology)
     if model.nu != len(tokens.actuators):
         raise DescriptionError(
@@ -127,6 +126,10 @@ def build_simulation(description: Description, *, base: Base | None = None) -> S
         start = stand(model, start, body_ids[0])
     start.flags.writeable = False
     notes += _start_notes(model)
+    if description.format == "urdf":
+        notes += settle_timestep(spec, model, start, description.file)
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_SENSOR)  # a file may do without; tokens cannot
     return Simulation(
         description=description,
         morphology=morphology,

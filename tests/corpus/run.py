@@ -20,6 +20,7 @@ from typing import Any
 from .report import is_wrong, report
 
 SUFFIXES = (".urdf", ".xml", ".xacro")
+PARTS = ["convert", "step", "cut"]
 SECONDS_A_FILE = 300
 
 
@@ -37,13 +38,13 @@ def _is_mjcf(source: bytes) -> bool:
     return b"<mujoco" in source and b"<mujocoinclude" not in source
 
 
-def run(paths: list[Path], collection: Path, *, whole: bool) -> list[dict[str, Any]]:
+def run(paths: list[Path], collection: Path, parts: list[str]) -> list[dict[str, Any]]:
     """Outcomes of all files; a file on which the worker dies or hangs is a failure."""
     outcomes: list[dict[str, Any]] = []
     left = [str(path) for path in paths]
     while left:
         current, reason = None, ""
-        command = [sys.executable, "-m", "tests.corpus.survey", str(collection), *([] if whole else ["--tokens-only"])]
+        command = [sys.executable, "-m", "tests.corpus.survey", str(collection), *parts]
         worker = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         assert worker.stdin is not None
         lines: queue.Queue[str | None] = queue.Queue()
@@ -94,12 +95,12 @@ def main() -> int:
     parser.add_argument("folders", nargs="+", type=Path, help="folders that hold one collection each")
     parser.add_argument("--output", type=Path, help="write the table here instead of stdout")
     parser.add_argument("--raw", type=Path, help="write all outcomes here, one JSON object a line")
-    parser.add_argument("--tokens-only", action="store_true", help="neither convert nor cut")
+    parser.add_argument("--parts", nargs="*", default=PARTS, choices=PARTS, help="what is tried besides tokens")
     arguments = parser.parse_args()
     outcomes = []
     for folder in arguments.folders:
         print(folder, file=sys.stderr)
-        found = run(list(files([folder])), folder, whole=not arguments.tokens_only)
+        found = run(list(files([folder])), folder, arguments.parts)
         outcomes += [
             {**outcome, "collection": folder.name, "file": _short(outcome["file"], folder)} for outcome in found
         ]

@@ -1,4 +1,4 @@
-"""Everything that is tried on one file: tokens, conversion, and the cut of every limb against `MjSpec.delete`."""
+"""Everything that is tried on one file: tokens, conversion, steps, and the cut of every limb."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 import sys
 import time
 import traceback
+from collections.abc import Collection
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -16,6 +17,7 @@ from morphkit.description import Description
 from morphkit.errors import MorphkitError
 from morphkit.formats import xml
 from morphkit.formats.mjcf_include import flatten_includes
+from morphkit.morphology import Base
 from morphkit.readers import read
 from morphkit.registry import load
 from morphkit.simulation import spec as mujoco_spec
@@ -23,6 +25,7 @@ from morphkit.tokens.spec import token_spec
 
 from .compare import Form, differences, forms, has_meshes, missing_names, spec_of, without_body
 from .conversion import passes_check, refusal
+from .environment import steps
 from .source import foreign_lines, unexplained
 
 SECONDS_WITH_MESHES = 2.0
@@ -35,7 +38,7 @@ class Outcome:
     """What came of one robot: `tokens`, `error` (a precise one) or `failure` (a traceback or a crash).
 
     `converted` is None where that was not tried, as of MJCF; `refused` says why not. `contradiction` is what `convert`
-    said of a file that `check` passes.
+    said of a file that `check` passes. `stepped` says for each base what hinders stepping the robot's environment.
     """
 
     file: str
@@ -49,6 +52,7 @@ class Outcome:
     converted: bool | None = None
     refused: str = ""
     contradiction: str = ""
+    stepped: dict[str, str] = field(default_factory=dict)
     forms: dict[str, str] = field(default_factory=dict)
     compared: dict[str, int] = field(default_factory=dict)
     uncompared: dict[str, str] = field(default_factory=dict)
@@ -56,24 +60,24 @@ class Outcome:
     seconds: float = 0.0
 
 
-def survey(path: str, collection: Path, *, whole: bool) -> list[Outcome]:
+def survey(path: str, collection: Path, parts: Collection[str]) -> list[Outcome]:
     """Try one file of a collection; one with several robots gives an outcome for itself and one a robot."""
-    outcome = _survey(path, None, collection, whole)
+    outcome = _survey(path, None, collection, parts)
     roots = _ROOTS.search(outcome.detail)
     several = roots[1].split(", ")[:6] if roots is not None else []
-    return [outcome, *(_survey(path, root, collection, whole) for root in several)]
+    return [outcome, *(_survey(path, root, collection, parts) for root in several)]
 
 
-def _survey(path: str, root: str | None, collection: Path, whole: bool) -> Outcome:
+def _survey(path: str, root: str | None, collection: Path, parts: Collection[str]) -> Outcome:
     outcome = Outcome(path, root or "")
     start = time.perf_counter()
     try:
         try:
-            _read(load(path, root=root, packages={"collection": collection}), outcome, whole)
+            _read(load(path, root=root, packages={"collection": collection}), outcome, parts)
         except MorphkitError as error:
             outcome.result, outcome.detail = "error", str(error)[:600]
         said = outcome.refused or ("" if path.endswith(".xml") else outcome.detail)
-        if whole and said and root is None and passes_check(path, collection):
+        if "convert" in parts and said and root is None and passes_check(path, collection):
             outcome.contradiction = said
     except Exception:
         outcome.result, outcome.detail = "failure", traceback.format_exc()[-1500:]
@@ -81,16 +85,19 @@ def _survey(path: str, root: str | None, collection: Path, whole: bool) -> Outco
     return outcome
 
 
-def _read(description: Description, outcome: Outcome, whole: bool) -> None:
+def _read(description: Description, outcome: Outcome, parts: Collection[str]) -> None:
     morphology = read(description)
     spec = token_spec(morphology)
     outcome.limbs, outcome.sensors, outcome.actuators = len(spec.limbs), len(spec.sensors), len(spec.actuators)
     outcome.declared = len(token_spec(morphology, naming="canonical", sensors="declared").sensors)
     assert token_spec(read(description)).to_json() == spec.to_json(), "the same file gives other bytes"
-    if whole and description.format == "urdf":
+    if "convert" in parts and description.format == "urdf":
         outcome.refused = refusal(description)
         outcome.converted = not outcome.refused
-    if whole and len(spec.limbs) > 1:
+    if "step" in parts and description.format == "urdf" and morphology.joints:
+        bases: list[Base] = ["fixed", "free"] if morphology.base == "fixed" else [morphology.base]
+        outcome.stepped = {base: steps(description, base) for base in bases}
+    if "cut" in parts and len(spec.limbs) > 1:
         _cut_each(description, outcome)
 
 
@@ -152,14 +159,14 @@ def _check_source(before: bytes, variant: Variant, limb: str, bodies: list[str],
 
 def main() -> None:
     """Try the files that stdin lists, one a line; print `START file`, then its outcomes as JSON."""
-    whole, collection = "--tokens-only" not in sys.argv, Path(sys.argv[1]).resolve()
+    collection, parts = Path(sys.argv[1]).resolve(), sys.argv[2:]
     mujoco_spec.read_for_mujoco = lru_cache(maxsize=1000)(
         mujoco_spec.read_for_mujoco
     )  # robots of a collection share meshes
     for line in sys.stdin:
         path = line.strip()
         print("START", path, flush=True)
-        for outcome in survey(path, collection, whole=whole):
+        for outcome in survey(path, collection, parts):
             print(json.dumps(asdict(outcome)), flush=True)
         print("END", path, flush=True)
 

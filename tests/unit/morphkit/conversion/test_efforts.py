@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from morphkit.conversion.convert import convert
-from morphkit.conversion.timestep import holds
 from morphkit.description import Description
+from morphkit.simulation.build import build_simulation
 from morphkit.simulation.completion import settle_urdf
+from morphkit.simulation.timestep import holds
 
 
 def finger(effort: str) -> Description:
@@ -38,9 +39,12 @@ def test_the_time_step_suits_the_efforts(
     assert (model.opt.timestep < 0.004) == slower
     assert any("the time step is" in note for note in conversion.notes) == slower
     assert model.actuator_ctrlrange[:, 1].tolist() == [float(effort)] * 3
-    assert all(holds(model, hold) for hold in (0.02, 0.1))
+    assert all(holds(model, model.qpos0, hold) for hold in (0.02, 0.1))
     model.opt.timestep = 0.004
-    assert all(holds(model, hold) for hold in (0.02, 0.1)) != slower
+    assert all(holds(model, model.qpos0, hold) for hold in (0.02, 0.1)) != slower
+    simulation = build_simulation(finger(effort), base="fixed")
+    assert (simulation.model.opt.timestep < 0.004) == slower
+    assert any("the time step is" in note for note in simulation.notes) == slower
     assert not list(tmp_path.iterdir())  # MuJoCo writes a log of its warnings where it works
     assert capfd.readouterr() == ("", "")
 

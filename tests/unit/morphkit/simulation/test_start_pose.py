@@ -38,8 +38,9 @@ def mjcf(joint: str = "<freejoint/>", keys: str = "", floor: float = 0.0, **info
     """A box on a base of its own, with one limb."""
     source = f"""<mujoco><worldbody><geom type="plane" size="1 1 1" pos="0 0 {floor}"/>
       <body name="box" pos="0 0 1">{joint}<geom type="box" size=".2 .2 .1"/>
-      <body name="arm"><joint name="elbow" axis="0 1 0" range="20 90"/><geom type="capsule" size=".02" fromto="0 0 0 .5 0 0"/></body>
-      </body></worldbody><keyframe>{keys}</keyframe></mujoco>"""
+      <body name="arm"><joint name="elbow" axis="0 1 0" range="20 90"/>
+      <geom type="capsule" size=".02" fromto="0 0 0 .5 0 0"/></body></body></worldbody>
+      <keyframe>{keys}</keyframe></mujoco>"""
     return Description("box", "box.xml", "mjcf", source.encode(), info=RobotInfo(**info))
 
 

@@ -18,7 +18,7 @@ _STEPS = 10
 _BROKEN = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 
-def settle_timestep(spec: mujoco.MjSpec, model: mujoco.MjModel, file: str) -> Iterator[str]:
+def settle_timestep(spec: mujoco.MjSpec, model: mujoco.MjModel, start: np.ndarray, file: str) -> Iterator[str]:
     """Take the longest time step at which the model stays finite whatever its motors do.
 
     Vendors write effort limits that no motor has, such as 1000 N*m for a finger: no time step that suits the robot
@@ -27,6 +27,7 @@ def settle_timestep(spec: mujoco.MjSpec, model: mujoco.MjModel, file: str) -> It
     Args:
         spec: Its time step is set.
         model: The same, compiled; its time step is set too.
+        start: Coordinates of the start pose, (nq,).
         file: What the robot is called in messages.
 
     Yields:
@@ -37,12 +38,12 @@ def settle_timestep(spec: mujoco.MjSpec, model: mujoco.MjModel, file: str) -> It
     """
     for timestep in _TIMESTEPS_S:
         model.opt.timestep = timestep
-        if all(holds(model, hold) for hold in _HOLDS_S):
+        if all(holds(model, start, hold) for hold in _HOLDS_S):
             break
     else:
         timestep = model.opt.timestep = URDF_TIMESTEP_S
-        if not stays_finite(model):
-            raise DescriptionError(f"{file}: the converted model diverges in its first steps; see 'morphkit check'")
+        if not stays_finite(model, start):
+            raise DescriptionError(f"{file}: the model diverges in its first steps; see 'morphkit check'")
         yield (
             "with all motors at full effort to and fro the robot diverges, at a time step of"
             f" {1000 * _TIMESTEPS_S[-1]:g} ms too: its effort limits are far too large for its masses"
@@ -56,27 +57,32 @@ def settle_timestep(spec: mujoco.MjSpec, model: mujoco.MjModel, file: str) -> It
     spec.option.timestep = model.opt.timestep = timestep
 
 
-def stays_finite(model: mujoco.MjModel) -> bool:
+def stays_finite(model: mujoco.MjModel, start: np.ndarray) -> bool:
     """Whether the model stays finite in its first steps if nothing drives it."""
-    return holds(model, None, duration=_STEPS * URDF_TIMESTEP_S)
+    return holds(model, start, None, duration=_STEPS * URDF_TIMESTEP_S)
 
 
-def holds(model: mujoco.MjModel, hold: float | None, duration: float = _DURATION_S) -> bool:
+def holds(model: mujoco.MjModel, start: np.ndarray, hold: float | None, duration: float = _DURATION_S) -> bool:
     """Whether the model stays finite with every control at one of its bounds, at random which.
 
     Args:
         model: The model; it stays as it is.
+        start: Coordinates of the start pose, (nq,).
         hold: How long until the controls are drawn anew, s; None for no control.
         duration: How long to try, s.
     """
-    with no_warnings():
-        return _holds(model, hold, duration)
+    flags = model.opt.disableflags
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR  # they cost time and change nothing
+    try:
+        with no_warnings():
+            return _holds(model, start, hold, duration)
+    finally:
+        model.opt.disableflags = flags
 
 
-def _holds(model: mujoco.MjModel, hold: float | None, duration: float) -> bool:
+def _holds(model: mujoco.MjModel, start: np.ndarray, hold: float | None, duration: float) -> bool:
     data = mujoco.MjData(model)
-    if model.nkey:
-        mujoco.mj_resetDataKeyframe(model, data, 0)
+    data.qpos[:] = start
     random = np.random.default_rng(0)
     bounded = model.actuator_ctrllimited.astype(bool)[:, None]
     low, high = np.where(bounded, model.actuator_ctrlrange, [-1.0, 1.0]).T
