@@ -14,6 +14,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -38,9 +39,8 @@ def _is_mjcf(source: bytes) -> bool:
     return b"<mujoco" in source and b"<mujocoinclude" not in source
 
 
-def run(paths: list[Path], collection: Path, parts: list[str]) -> list[dict[str, Any]]:
-    """Outcomes of all files; a file on which the worker dies or hangs is a failure."""
-    outcomes: list[dict[str, Any]] = []
+def run(paths: list[Path], collection: Path, parts: list[str]) -> Iterator[dict[str, Any]]:
+    """Outcomes of all files, as they come; a file on which the worker dies or hangs is a failure."""
     left = [str(path) for path in paths]
     while left:
         current, reason = None, ""
@@ -67,12 +67,11 @@ def run(paths: list[Path], collection: Path, parts: list[str]) -> list[dict[str,
                 left.remove(line[4:])
                 current = None
             elif line.startswith("{"):
-                outcomes.append(json.loads(line))
+                yield json.loads(line)
         if current is not None:
             left.remove(current)
-            outcomes.append({"file": current, "result": "failure", "detail": reason})
+            yield {"file": current, "result": "failure", "detail": reason}
     print(file=sys.stderr)
-    return outcomes
 
 
 def _read(stream: Any, lines: queue.Queue[str | None]) -> None:
@@ -98,14 +97,13 @@ def main() -> int:
     parser.add_argument("--parts", nargs="*", default=PARTS, choices=PARTS, help="what is tried besides tokens")
     arguments = parser.parse_args()
     outcomes = []
-    for folder in arguments.folders:
-        print(folder, file=sys.stderr)
-        found = run(list(files([folder])), folder, arguments.parts)
-        outcomes += [
-            {**outcome, "collection": folder.name, "file": _short(outcome["file"], folder)} for outcome in found
-        ]
-        if arguments.raw is not None:
-            arguments.raw.write_text("".join(json.dumps(outcome) + "\n" for outcome in outcomes))
+    with arguments.raw.open("w") if arguments.raw is not None else nullcontext() as raw:
+        for folder in arguments.folders:
+            print(folder, file=sys.stderr)
+            for found in run(list(files([folder])), folder, arguments.parts):
+                outcomes.append({**found, "collection": folder.name, "file": _short(found["file"], folder)})
+                if raw is not None:
+                    print(json.dumps(outcomes[-1]), file=raw, flush=True)
     text = report(outcomes)
     if arguments.output is not None:
         arguments.output.write_text(text)
