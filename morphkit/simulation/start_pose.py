@@ -17,17 +17,24 @@ _SINGLE = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
 _VERTICAL = 1 - 1e-9
 
 
-def start_pose(model: mujoco.MjModel, start: str | Mapping[str, float], file: str) -> np.ndarray:
+Keyframes = Sequence[tuple[str, np.ndarray]]
+"""Name and coordinates, (nq,), of keyframes in their order."""
+
+
+def start_pose(
+    model: mujoco.MjModel, start: str | Mapping[str, float], file: str, keyframes: Keyframes | None = None
+) -> np.ndarray:
     """The coordinates in which a robot starts, but for the height of its root.
 
     What counts, in this order: `start`; the keyframe `home`, then `stand`, then the first; the zero pose. Hinges and
     slides lie within their limits: what is outside is put at the nearest limit. Joints that follow others follow.
 
     Args:
-        model: The model, with the keyframes of the file.
+        model: The model.
         start: What `robot.toml` says, see `RobotInfo.start`; empty for nothing. Names of joints that the model lacks do
             not matter, so that a variant can be given what its source is.
         file: What the robot is called in messages.
+        keyframes: The keyframes of the file; None takes those of the model.
 
     Returns:
         Coordinates, (nq,).
@@ -37,8 +44,9 @@ def start_pose(model: mujoco.MjModel, start: str | Mapping[str, float], file: st
     """
     if start == ZERO:
         return np.array(model.qpos0)
-    key = _keyframe(model, start, file)
-    qpos = np.array(model.qpos0 if key is None else model.key_qpos[key])
+    known = _keyframes(model) if keyframes is None else keyframes
+    key = _keyframe(known, start, file)
+    qpos = np.array(model.qpos0 if key is None else key)
     if key is not None:
         mujoco.mj_normalizeQuat(model, qpos)
     given = {} if isinstance(start, str) else start
@@ -115,20 +123,21 @@ def _let_follow(model: mujoco.MjModel, qpos: np.ndarray, given: Mapping[str, flo
         follow(model, qpos, coupled)
 
 
-def _keyframe(model: mujoco.MjModel, start: str | Mapping[str, float], file: str) -> int | None:
-    """Number of the keyframe that counts."""
-    names = [model.key(number).name for number in range(model.nkey)]
+def _keyframes(model: mujoco.MjModel) -> Keyframes:
+    return [(model.key(number).name, model.key_qpos[number]) for number in range(model.nkey)]
+
+
+def _keyframe(keyframes: Keyframes, start: str | Mapping[str, float], file: str) -> np.ndarray | None:
+    """Coordinates of the keyframe that counts."""
     if start == MIDDLE:
         return None
-    if isinstance(start, str) and start:
-        if start not in names:
-            raise DescriptionError(
-                f"{file}: 'start' names keyframe {start!r}, which is not there{did_you_mean(start, names)}"
-            )
-        return names.index(start)
-    usable = [number for number in range(model.nkey) if np.isfinite(model.key_qpos[number]).all()]
-    named = [number for name in KEYFRAMES for number in usable if names[number] == name]
-    return next(iter([*named, *usable]), None)
+    usable = [(name, qpos) for name, qpos in keyframes if np.isfinite(qpos).all()]
+    wanted = (start,) if isinstance(start, str) and start else KEYFRAMES
+    named = [qpos for each in wanted for name, qpos in usable if name == each]
+    if wanted != KEYFRAMES and not named:
+        hint = did_you_mean(wanted[0], [name for name, _ in usable])
+        raise DescriptionError(f"{file}: 'start' names keyframe {wanted[0]!r}, which is not there{hint}")
+    return next(iter([*named, *(qpos for _, qpos in usable)]), None)
 
 
 def _upward(model: mujoco.MjModel, root: int, *, posed: bool) -> tuple[int, float] | None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from morphkit import robot_toml
 from morphkit.errors import DescriptionError
 from morphkit.formats.mjcf_schema import EXPANDERS
 from morphkit.validation import (
@@ -24,6 +25,7 @@ from morphkit.validation.findings import Report
 from morphkit.validation.meshes import MeshFacts, check_meshes
 from morphkit.validation.sandbox import Answer, probe
 
+Start = str | dict[str, float]
 _NO_PACKAGES: Mapping[str, Path] = MappingProxyType({})
 _NO_ARGUMENTS: Mapping[str, str] = MappingProxyType({})
 
@@ -51,7 +53,7 @@ def check(
         The findings; a file that is no XML or no robot is one as well.
 
     Raises:
-        DescriptionError: There is no such file, or it cannot be read.
+        DescriptionError: There is no such file, or it or the `robot.toml` next to it cannot be read.
         DependencyError: The library that expands xacro is missing.
         UnknownNameError: The xacro file has no argument of a name in `xacro_args`.
     """
@@ -74,22 +76,27 @@ def _check_urdf(doc: CheckedDocument, path: Path, *, deep: bool) -> None:
     urdf_repairs.check_repairs(doc)
     tree = urdf_tree.read_tree(doc)
     urdf_tree.check_references(doc, tree)
-    urdf_joints.check_joints(doc, tree)
+    start = _start(path)
+    urdf_joints.check_joints(doc, tree, start)
     inertials, uses = urdf_links.check_links(doc, tree)
-    answer = _probe_urdf(doc, path, [use.path for use in uses]) if deep else Answer()
+    answer = _probe_urdf(doc, path, [use.path for use in uses], start) if deep else Answer()
     check_meshes(doc, uses, answer.meshes)
     urdf_inertia.check_masses(doc, tree, inertials, uses, answer.meshes)
-    if answer.refused and not doc.report.count("error"):
-        doc.add("simulator-refuses", doc.root, f"'morphkit convert' refuses the robot: {answer.refused}")
+    found = answer.robot or {}
+    if found.get("refused") and not doc.report.count("error"):
+        doc.add("simulator-refuses", doc.root, f"'morphkit convert' refuses the robot: {found['refused']}")
+    urdf_links.check_overlaps(doc, tree, found.get("touching", ()))
     _check_death(doc, answer)
 
 
-def _probe_urdf(doc: CheckedDocument, path: Path, meshes: Sequence[Path]) -> Answer:
+def _probe_urdf(doc: CheckedDocument, path: Path, meshes: Sequence[Path], start: Start) -> Answer:
     """Measure meshes, and convert the robot where nothing is known yet that hinders it."""
     if doc.report.count("error"):
         return probe(meshes)
     file = path.name.encode(errors="replace").decode()  # a name that is no text is no fault of the robot
-    return probe(meshes, robot={"file": file, "source": doc.document.source.decode("latin-1"), **_folders(doc)})
+    return probe(
+        meshes, robot={"file": file, "source": doc.document.source.decode("latin-1"), **_folders(doc), "start": start}
+    )
 
 
 def _folders(doc: CheckedDocument) -> dict[str, Any]:
@@ -98,14 +105,21 @@ def _folders(doc: CheckedDocument) -> dict[str, Any]:
     return {"folder": str(doc.folder.resolve()), "packages": packages}
 
 
+def _start(path: Path) -> Start:
+    """What a `robot.toml` next to the file says of the start pose."""
+    beside = path.parent / robot_toml.FILE_NAME
+    toml = robot_toml.read_robot_toml(beside) if beside.is_file() else None
+    return toml.info.start if toml is not None and toml.file == path.name else ""
+
+
 def _check_mjcf(doc: CheckedDocument, path: Path, *, deep: bool) -> None:
     mjcf_values.check_numbers(doc)
     inertials = mjcf_values.check_inertials(doc)
     meshes = mjcf_assets.find_meshes(doc)
     text, lines = mjcf_references.numbered(doc.root)
-    answer = Answer()
+    answer, start = Answer(), _start(path)
     if deep:
-        model = {"source": text, "file": path.name, **_folders(doc)}
+        model = {"source": text, "file": path.name, **_folders(doc), "start": start}
         answer = probe([use.path for use in meshes.values()], model=model)
     found = answer.model or {}
     mjcf_references.check_names(doc, found.get("names"))

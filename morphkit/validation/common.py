@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from morphkit.formats.poses import numbers as parse_numbers
@@ -91,3 +91,8 @@ def unknown(doc: CheckedDocument, what: str, name: str, known: Iterable[str]) ->
     doc.hints_left -= 1
     hint = did_you_mean(name[:_LONGEST], known) if doc.hints_left >= 0 else ""
     return f"{what} {shorten(name)!r}, which does not exist{hint}"
+
+
+def start_is_said(joint: str, start: str | Mapping[str, float]) -> bool:
+    """Whether `robot.toml` says where a joint starts."""
+    return bool(start) if isinstance(start, str) else joint in start

@@ -169,6 +169,10 @@ def check_model(doc: CheckedDocument, found: Mapping[str, Any], lines: Mapping[i
             what = f"actuator {actuator['name']!r} has no ctrlrange"
             doc.add("control-unbounded", element_at(actuator["line"]), what, name=actuator["name"])
     _check_units(doc, [each for each in found.get("joints", ()) if each["hinge"] and each["limited"]], element_at)
+    lines_of = {each["name"]: each["line"] for each in found.get("joints", ())}
+    for name in found.get("outside", ()):
+        what = f"the zero pose of joint {name!r} lies outside of its range"
+        doc.add("zero-outside", element_at(lines_of.get(name)), what, name=name)
     for touching in found.get("touching", ()):
         first, second = touching["bodies"]
         body = next((each for each in doc.root.iter("body") if each.get("name") == second), doc.root)

@@ -14,8 +14,10 @@ from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
 from morphkit.readers.mjcf_actuators import is_limited
 from morphkit.simulation.spec import compile_spec, load_spec
+from morphkit.simulation.start_pose import outside_limits, stand, start_pose
+from morphkit.validation.common import start_is_said
+from morphkit.validation.overlaps import overlaps
 
-_PENETRATION_M = 0.002
 _KINDS = {
     "body": "bodies", "joint": "joints", "geom": "geoms", "site": "sites", "camera": "cameras", "light": "lights",
     "tendon": "tendons", "actuator": "actuators", "sensor": "sensors", "material": "materials", "texture": "textures",
@@ -24,7 +26,9 @@ _KINDS = {
 _SIZES = {"qpos": "nq", "qvel": "nv", "act": "na", "ctrl": "nu"}
 
 
-def examine(source: str, file: str, folder: str, packages: dict[str, str]) -> dict[str, Any]:
+def examine(
+    source: str, file: str, folder: str, packages: dict[str, str], start: str | dict[str, float]
+) -> dict[str, Any]:
     """Parse and compile a model and look at its start.
 
     Args:
@@ -32,11 +36,14 @@ def examine(source: str, file: str, folder: str, packages: dict[str, str]) -> di
         file: What it is called.
         folder: Where its assets start.
         packages: Folder of each package that may be read, by name.
+        start: What `robot.toml` says of the start pose.
 
     Returns:
         `refused`: message and line where MuJoCo refuses it, else None; `names`: all names by kind; `sizes`: lengths of
-        the vectors of a keyframe; `joints` and `actuators`: what the checks need of them, with their lines; `touching`:
-        pairs of bodies that penetrate each other at the start, with the depth, m. What is not known is absent.
+        the vectors of a keyframe; `joints` and `actuators`: what the checks need of them, with their lines;
+        `outside`: names of joints whose zero pose lies outside of their limits, where nothing says another start;
+        `touching`: pairs of bodies that
+        penetrate each other at the start, with the depth, m. What is not known is absent.
     """
     named = {name: Path(path) for name, path in packages.items()}
     description = Description(Path(file).stem, file, "mjcf", source.encode(), Path(folder), packages=named)
@@ -58,9 +65,8 @@ def examine(source: str, file: str, folder: str, packages: dict[str, str]) -> di
         found |= _structure(spec if spec is not None else plain)
     if spec is None:
         return found
-    keys = list(spec.keys)
-    start = np.array(keys[0].qpos) if keys else np.zeros(0)
-    for key in keys:
+    keyframes = [(key.name, np.array(key.qpos)) for key in spec.keys]
+    for key in list(spec.keys):
         spec.delete(key)  # their sizes are checked for themselves
     try:
         model = compile_spec(spec, file)
@@ -68,7 +74,16 @@ def examine(source: str, file: str, folder: str, packages: dict[str, str]) -> di
         return found | {"refused": _refusal(error)}
     found["sizes"] = {key: int(getattr(model, size)) for key, size in _SIZES.items()}
     found["sizes"] |= {"mpos": 3 * int(model.nmocap), "mquat": 4 * int(model.nmocap)}
-    found["touching"] = _touching(model, start)
+    usable = [(name, qpos if qpos.size else model.qpos0) for name, qpos in keyframes if qpos.size in (0, model.nq)]
+    said = start if start or not usable else "a keyframe"
+    found["outside"] = [joint for joint in outside_limits(model) if not start_is_said(joint, said)]
+    try:
+        pose = start_pose(model, start, file, usable)
+    except DescriptionError as error:
+        return found | {"refused": _refusal(error)}
+    for root in np.flatnonzero((model.body_parentid == 0) & (model.body_jntnum > 0)):
+        pose = stand(model, pose, int(root))
+    found["touching"] = overlaps(model, pose)
     return found
 
 
@@ -124,23 +139,3 @@ def _structure(spec: mujoco.MjSpec) -> dict[str, Any]:
 
 def _tendon_joints(tendon: Any) -> list[str]:
     return [wrap.target.name for wrap in tendon.path if wrap.type == mujoco.mjtWrap.mjWRAP_JOINT and wrap.target]
-
-
-def _touching(model: mujoco.MjModel, start: np.ndarray) -> list[dict[str, Any]]:
-    data = mujoco.MjData(model)
-    if start.size == model.nq:
-        data.qpos[:] = start
-    else:
-        for joint in np.flatnonzero((model.jnt_limited > 0) & (model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE))):
-            address = model.jnt_qposadr[joint]
-            data.qpos[address] = np.clip(data.qpos[address], *model.jnt_range[joint])
-    mujoco.mj_forward(model, data)
-    deepest: dict[tuple[str, str], float] = {}
-    for contact in data.contact[: data.ncon]:
-        bodies = [int(model.geom_bodyid[geom]) if geom >= 0 else 0 for geom in (contact.geom1, contact.geom2)]
-        if 0 in (int(model.body_weldid[body]) for body in bodies) or contact.dist > -_PENETRATION_M:
-            continue
-        first, second = sorted(bodies)
-        pair = (model.body(first).name, model.body(second).name)
-        deepest[pair] = max(deepest.get(pair, 0.0), -float(contact.dist))
-    return [{"bodies": pair, "depth": depth} for pair, depth in deepest.items()]

@@ -35,13 +35,14 @@ class Answer:
     Attributes:
         meshes: Facts by path.
         model: What MuJoCo made of the model, see `_examine`; None where it was not asked or the child died before.
-        refused: Why the robot cannot be converted; empty where it can, None where that was not asked or not answered.
+        robot: What came of converting the robot, see `urdf_conversion.examine`; None where that was not asked or not
+            answered.
         died: How and at what the child died; empty where it did not.
     """
 
     meshes: dict[str, MeshFacts] = field(default_factory=dict)
     model: dict[str, Any] | None = None
-    refused: str | None = None
+    robot: dict[str, Any] | None = None
     died: str = ""
 
 
@@ -52,7 +53,7 @@ def probe(
 
     Args:
         meshes: Mesh files.
-        model: `source` (text of an MJCF without includes), `file`, `folder` and `packages`; None for no model.
+        model: `source` (text of an MJCF without includes), `file`, `folder`, `packages` and `start`; None for no model.
         robot: The same of a URDF, its bytes as Latin-1; None for none.
     """
     answer = Answer()
@@ -80,7 +81,7 @@ def probe(
     for line in output.decode(errors="replace").splitlines():
         _take(answer, line)
     if reason:
-        finished = len(answer.meshes) + (answer.model is not None) + (answer.refused is not None)
+        finished = len(answer.meshes) + (answer.model is not None) + (answer.robot is not None)
         answer.died = f"{tasks[min(finished, len(tasks) - 1)]}: {reason}"
     return answer
 
@@ -110,8 +111,8 @@ def _take(answer: Answer, line: str) -> None:
         answer.meshes[found["mesh"]] = facts
     elif "model" in found:
         answer.model = found["model"]
-    elif "refused" in found:
-        answer.refused = found["refused"]
+    elif "robot" in found:
+        answer.robot = found["robot"]
 
 
 def _measure(path: Path) -> dict[str, Any]:
@@ -139,9 +140,9 @@ def _answers(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
 
         yield {"model": examine(**request["model"])}
     if request["robot"] is not None:
-        from morphkit.validation.urdf_conversion import refusal
+        from morphkit.validation import urdf_conversion
 
-        yield {"refused": refusal(**request["robot"])}
+        yield {"robot": urdf_conversion.examine(**request["robot"])}
 
 
 def main() -> None:

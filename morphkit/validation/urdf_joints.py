@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from morphkit.formats.urdf_transmissions import driven_joints
 from morphkit.readers.urdf_structure import WITH_AXIS, without_direction
-from morphkit.validation.common import read_numbers, unknown
+from morphkit.validation.common import read_numbers, start_is_said, unknown
 from morphkit.validation.document import CheckedDocument, elements
 from morphkit.validation.urdf_tree import UrdfTree
 
@@ -20,9 +21,24 @@ _UNIT_TOLERANCE = 1e-3
 _RANGE_TOLERANCE = 0.02
 
 
-def check_joints(doc: CheckedDocument, tree: UrdfTree) -> None:
-    """Report what is wrong with joints by themselves, and those that nothing drives."""
+def check_joints(doc: CheckedDocument, tree: UrdfTree, start: str | Mapping[str, float] = "") -> None:
+    """Report what is wrong with joints by themselves, and those that nothing drives.
+
+    Args:
+        doc: The robot.
+        tree: Its links and joints.
+        start: What `robot.toml` says of the start pose.
+    """
     limits = {name: _check_joint(doc, name, joint) for name, joint in tree.joints.items()}
+    for name, found in limits.items():
+        if (
+            found is not None
+            and found[0] < found[1]
+            and not found[0] <= 0 <= found[1]
+            and not start_is_said(name, start)
+        ):
+            what = f"joint {name!r} moves from {found[0]:g} to {found[1]:g}, without 0"
+            doc.add("zero-outside", next(iter(elements(tree.joints[name], "limit"))), what, name=name)
     carried = {child for _, child in tree.ends.values()}
     for name, (parent, _) in tree.ends.items():
         if tree.joints[name].get("type") == "floating" and (parent in carried or parent != "world"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -70,6 +70,14 @@ def check_links(doc: CheckedDocument, tree: UrdfTree) -> tuple[dict[str, Inertia
         if "visual" in parts and "collision" not in parts:
             doc.add("collision-missing", tree.links[group[0]], f"link {group[0]!r}", name=group[0])
     return inertials, uses
+
+
+def check_overlaps(doc: CheckedDocument, tree: UrdfTree, touching: Sequence[Mapping[str, Any]]) -> None:
+    """Report links that overlap where the robot starts; `touching` is what `overlaps` found."""
+    for each in touching:
+        first, second = each["bodies"]
+        what = f"links {first!r} and {second!r} overlap by {each['depth'] * 1000:.3g} mm"
+        doc.add("links-overlap", tree.links.get(second, doc.root), what, name=second)
 
 
 def _check_inertial(doc: CheckedDocument, name: str, link: Any) -> Inertial | None:

@@ -71,6 +71,7 @@ URDFS = {
         urdf(kind="fixed", hip="", extra='<transmission name="t"><joint name="hip"/></transmission>'),
         5,
     ),
+    "zero-outside": (urdf(hip=LIMIT.replace('"-1"', '"0.5"')), 4),
     "mass-negative": (urdf(leg=inertial("-1") + BALL), 3),
     "mass-missing": (urdf(leg=BALL), 3),
     "inertial-incomplete": (urdf(leg=inertial(inertia="") + BALL), 3),
@@ -108,6 +109,7 @@ MJCFS = {
     "keyframe-size": (mjcf(tail='<keyframe><key name="k" qvel="1 2 3 4 5 6 7 8"/></keyframe>'), 9),
     "keyframe-short": (mjcf(tail='<keyframe><key name="k" qpos="1 2 3"/></keyframe>'), 9),
     "self-collision": (mjcf(leg='<body name="foot" pos="0 0 0.48"><joint range="-9 9"/><geom size="0.1"/></body>'), 5),
+    "zero-outside": (mjcf(hip='range="20 60"'), 6),
     "simulator-refuses": (mjcf(leg='<site name="s" shape="round"/>'), 5),
     "name-duplicate": (mjcf(leg='<site name="s"/><site name="s"/>'), 5),
     "reference-unknown": (mjcf(actuator='<motor name="m" joint="hpi"/>'), 8),
@@ -122,7 +124,7 @@ MJCFS = {
 }
 COMPILED = {
     "range-units", "control-unbounded", "keyframe-size", "keyframe-short", "self-collision", "simulator-refuses",
-    "joint-unactuated",
+    "joint-unactuated", "zero-outside",
 }  # fmt: skip
 
 
@@ -257,5 +259,5 @@ def test_a_cycle_is_written_from_parent_to_child(tmp_path: Path) -> None:
 
 
 def test_every_rule_has_a_case() -> None:
-    elsewhere = {"include-repeated", "simulator-crash", "mesh-up-axis"}
+    elsewhere = {"include-repeated", "simulator-crash", "mesh-up-axis", "links-overlap"}
     assert {*URDFS, *MJCFS, *MESHES, *elsewhere} == set(rules())

@@ -1,0 +1,89 @@
+"""What `check` says of the pose in which a robot starts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from morphkit.validation import urdf_conversion
+from morphkit.validation.check import check
+from morphkit.validation.mujoco_checks import examine
+from tests.support.faulty_robots import lines_of
+
+LINK = """<link name="{0}"><inertial><mass value="1"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/>
+</inertial><collision><origin xyz="0 0 -.2"/><geometry><box size=".05 .05 .4"/></geometry></collision></link>\n"""
+JOINT = """<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><origin xyz="0 0 -.4"/>
+<axis xyz="0 1 0"/><limit lower="-4" upper="4" effort="20" velocity="10"/></joint>\n"""
+CHAIN = (
+    '<robot name="r">\n'
+    + "".join(map(LINK.format, "abc"))
+    + JOINT.format("one", "a", "b")
+    + JOINT.format("two", "b", "c")
+    + "</robot>"
+)
+"""A chain that touches itself nowhere, unless a joint folds it back."""
+
+
+def touching(tmp_path: Path, start: str | dict[str, float]) -> list[list[str]]:
+    found = urdf_conversion.examine(CHAIN, "r.urdf", str(tmp_path), {}, start)
+    assert found["refused"] == ""
+    return [each["bodies"] for each in found["touching"]]
+
+
+def test_links_overlap_where_the_start_folds_them(tmp_path: Path) -> None:
+    assert touching(tmp_path, "") == []
+    assert touching(tmp_path, {"one": 3.1, "two": -3.1}) == [["a", "c"]]  # neighbors do not count
+    assert "cannot start" in urdf_conversion.examine(CHAIN, "r.urdf", str(tmp_path), {}, {"one": 9.0})["refused"]
+
+
+def test_a_robot_toml_next_to_the_file_counts(tmp_path: Path) -> None:
+    (tmp_path / "r.urdf").write_text(CHAIN)
+    (tmp_path / "robot.toml").write_text('file = "r.urdf"\nstart = {one = 3.1, two = -3.1}\n')
+    assert lines_of(check(tmp_path / "r.urdf"), "links-overlap") == [6]
+
+
+POST = '<body name="post" pos=".9 0 .3"><geom size=".1"/></body>'
+
+
+def mjcf(joint: str, keys: str, post: str = "") -> str:
+    return f"""<mujoco><worldbody><geom type="plane" size="1 1 1"/><body name="a" pos="0 0 .3">{joint}
+      <geom type="box" size=".1 .1 .1"/><body name="b" pos=".3 0 0"><joint name="j" type="slide" axis="1 0 0"/>
+      <geom size=".1"/><body name="c" pos=".3 0 0"><joint name="k" range="10 90"/><geom size=".1"/></body></body></body>
+      {post}</worldbody><keyframe>{keys}</keyframe></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("joint", "keys", "post", "start", "bodies"),
+    [
+        ("<freejoint/>", "", "", "", []),
+        ("", '<key name="far" qpos="0 0"/><key name="home" qpos=".05 0"/>', POST, "", []),
+        ("", '<key name="far" qpos="0 0"/><key name="home" qpos=".05 0"/>', POST, {"j": 0.15}, [["c", "post"]]),
+        ('<joint type="slide" axis="0 0 1"/>', '<key name="home" qpos="-.25 0 0"/>', "", "", []),
+        ("", '<key name="home" qpos="1 2 3 4"/>', "", "", []),
+    ],
+)
+def test_an_mjcf_is_looked_at_where_it_starts(
+    tmp_path: Path, joint: str, keys: str, post: str, start: str | dict[str, float], bodies: list[list[str]]
+) -> None:
+    found = examine(mjcf(joint, keys, post), "r.xml", str(tmp_path), {}, start)
+    assert [each["bodies"] for each in found["touching"]] == bodies
+
+
+def test_geoms_in_the_world_count_too(tmp_path: Path) -> None:
+    source = mjcf("", "").replace('pos="0 0 .3"', 'pos="0 0 .05"')
+    found = examine(source, "r.xml", str(tmp_path), {}, "")
+    assert ["world", "b"] in [each["bodies"] for each in found["touching"]]
+    assert [each["depth"] for each in found["touching"]] == pytest.approx([0.05] * 2, abs=1e-3)
+    assert found["outside"] == ["k"]
+
+
+@pytest.mark.parametrize("start", ["zero", {"k": 1.0}])
+def test_a_start_that_is_said_answers_for_the_zero_pose(tmp_path: Path, start: str | dict[str, float]) -> None:
+    assert examine(mjcf("", ""), "r.xml", str(tmp_path), {}, start)["outside"] == []
+    assert examine(mjcf("", '<key qpos="0 .5"/>'), "r.xml", str(tmp_path), {}, "")["outside"] == []
+    (tmp_path / "r.urdf").write_text(CHAIN.replace('lower="-4"', 'lower="0.5"', 1))
+    assert lines_of(check(tmp_path / "r.urdf", deep=False), "zero-outside") == [9]
+    said = '"zero"' if isinstance(start, str) else "{one = 1.0}"
+    (tmp_path / "robot.toml").write_text(f'file = "r.urdf"\nstart = {said}\n')
+    assert not lines_of(check(tmp_path / "r.urdf", deep=False), "zero-outside")
