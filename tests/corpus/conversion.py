@@ -13,10 +13,13 @@ from morphkit.validation.check import check
 
 
 def refusal(description: Description) -> str:
-    """Convert a URDF into a folder that is thrown away; why that is refused, empty where it is not."""
+    """Convert a URDF into a folder that is thrown away; why that is refused, empty where it is not.
+
+    No time step is looked for: that takes long, refuses nothing, and environments look for theirs in the same way.
+    """
     try:
         with tempfile.TemporaryDirectory() as folder:
-            write_conversion(convert(description), Path(folder) / "robot.xml")
+            write_conversion(convert(description, thorough=False), Path(folder) / "robot.xml")
     except MorphkitError as error:
         return " ".join(str(error).split())[:300]
     return ""

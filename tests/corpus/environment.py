@@ -44,4 +44,7 @@ def steps(description: Description, base: Base) -> str:
         diverged = int(env.diverged.sum())
     finally:
         env.close()
-    return f"diverges under random actions, {diverged} times in {STEPS} steps" if diverged else ""
+    if not diverged:
+        return ""
+    known = "; ".join(note for note in robot.simulation.notes if "diverges" in note)
+    return f"diverges under random actions, {diverged} times in {STEPS} steps: {known or 'no reason is known'}"

@@ -94,13 +94,17 @@ def main() -> int:
     parser.add_argument("folders", nargs="+", type=Path, help="folders that hold one collection each")
     parser.add_argument("--output", type=Path, help="write the table here instead of stdout")
     parser.add_argument("--raw", type=Path, help="write all outcomes here, one JSON object a line")
+    parser.add_argument("--resume", action="store_true", help="go on after what --raw holds")
     parser.add_argument("--parts", nargs="*", default=PARTS, choices=PARTS, help="what is tried besides tokens")
     arguments = parser.parse_args()
-    outcomes = []
-    with arguments.raw.open("w") if arguments.raw is not None else nullcontext() as raw:
+    kept = arguments.raw.read_text() if arguments.resume and arguments.raw.is_file() else ""
+    outcomes = [json.loads(line) for line in kept.splitlines()]
+    done = {(outcome["collection"], outcome["file"]) for outcome in outcomes}
+    with arguments.raw.open("a" if kept else "w") if arguments.raw is not None else nullcontext() as raw:
         for folder in arguments.folders:
             print(folder, file=sys.stderr)
-            for found in run(list(files([folder])), folder, arguments.parts):
+            left = [path for path in files([folder]) if (folder.name, _short(str(path), folder)) not in done]
+            for found in run(left, folder, arguments.parts):
                 outcomes.append({**found, "collection": folder.name, "file": _short(found["file"], folder)})
                 if raw is not None:
                     print(json.dumps(outcomes[-1]), file=raw, flush=True)
