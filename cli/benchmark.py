@@ -92,15 +92,14 @@ def status(
     """Show how far each cell of a matrix is: done, running, failed, stopped or not started."""
     from morphkit_rl.benchmark.cells import read_matrix
 
-    found = read_matrix(matrix)
+    print_cells(read_matrix(matrix), as_json=as_json)
+
+
+def print_cells(found: Sequence[Status], *, as_json: bool = False) -> None:
+    """Print cells as JSON, or a table of them and how many are in which state."""
     if as_json:
         common.print_json([_cell(each) for each in found])
-    else:
-        print_cells(found)
-
-
-def print_cells(found: Sequence[Status]) -> None:
-    """Print a table of cells, and how many are in which state."""
+        return
     numbers = ("seed", "steps")
     cells = [
         [
@@ -136,15 +135,19 @@ def report(
     out: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Folder of the report.", show_default="DIR/report")
     ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print report.json instead of the names of files.")] = False,
 ) -> None:
     """Write tables and figures of a matrix, half-done or whole, next to the published numbers.
 
     report.md to read; cells.csv, robots.csv, tasks.csv and report.json for programs; learning curves and zero-shot
     bars of each split as PNG. Cells that are missing are marked, and every number says how many seeds it is of.
     """
-    from morphkit_rl.benchmark.report.write import write_report
+    from morphkit_rl.benchmark.report.write import MARKER, write_report
 
     folder = out or matrix / "report"
     written = write_report(matrix, folder)
+    if as_json:
+        sys.stdout.write((folder / MARKER).read_text("utf-8"))
+        return
     for path in written:
         sys.stdout.write(f"{path}\n")

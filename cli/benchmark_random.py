@@ -32,14 +32,17 @@ def random(
     xacro_arg: common.XacroArgOption = None,
     trust_xacro: common.TrustXacroOption = False,
     output_format: Annotated[
-        Literal["table", "markdown", "json"], typer.Option("--format", help="How to print the returns.")
-    ] = "table",
+        Literal["table", "markdown", "json"] | None,
+        typer.Option("--format", help="How to print the returns.", show_default="table"),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="The same as --format json.")] = False,
 ) -> None:
     """Play random episodes: what a score of 0 stands for.
 
     Controls are drawn uniformly from their ranges, anew at every control step. The same seed gives
     the same returns, whichever robots are asked for and however many threads there are.
     """
+    printed = common.output_format(output_format, "table", as_json=as_json)
     from morphkit_rl.benchmark.bodies import members
     from morphkit_rl.benchmark.definition import load_benchmark
     from morphkit_rl.evaluation.random_policy import random_returns
@@ -52,9 +55,9 @@ def random(
     for result in random_returns(descriptions, episodes, seed):
         results.append(result)
         typer.echo(f"{len(results)}/{len(descriptions)} {result.robot}", err=True)
-    if output_format == "json":
+    if printed == "json":
         common.print_json([_record(result) for result in results])
-    elif output_format == "markdown":
+    elif printed == "markdown":
         rows = [COLUMNS, ("---", *["---:"] * (len(COLUMNS) - 1)), *map(_cells, results)]
         sys.stdout.write("".join(f"| {' | '.join(row)} |\n" for row in rows))
     else:

@@ -46,6 +46,7 @@ def run(
     ] = False,
     file: Annotated[Path | None, typer.Option(metavar="FILE", help=FILE_HELP)] = None,
     device: Annotated[str, typer.Option(help="PyTorch device, such as cpu or cuda.")] = "cpu",
+    as_json: Annotated[bool, typer.Option("--json", help="Print the cells as JSON.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress and no table.")] = False,
 ) -> None:
     """Train and evaluate methods on the benchmark: every task, split, method and seed is a cell.
@@ -92,8 +93,9 @@ def run(
     except KeyboardInterrupt:
         typer.echo(f"{len(found)} of {common.count(len(plans), 'cell')} behind; the same command goes on", err=True)
         raise
-    if not quiet:
-        print_cells(found)
+    if as_json or not quiet:
+        print_cells(found, as_json=as_json)
+    if not quiet and not as_json:
         typer.echo(f"next: morphkit benchmark report {out}", err=True)
     if any(each.state == "failed" for each in found):
         raise typer.Exit(1)

@@ -86,6 +86,17 @@ def complain(message: str) -> None:
     typer.echo(f" {message}", err=True)
 
 
+def output_format(asked: str | None, default: str, *, as_json: bool) -> str:
+    """What a command prints, of whose --format `json` has --json as another name.
+
+    Raises:
+        UsageError: --json, and another format.
+    """
+    if as_json and asked not in (None, "json"):
+        raise UsageError(f"only one of json and {asked} can be printed.")
+    return "json" if as_json else asked or default
+
+
 def print_json(value: Any) -> None:
     """Print `value` on stdout as JSON, with two spaces of indentation; infinite and undefined numbers become null."""
     sys.stdout.write(json.dumps(_finite(value), indent=2, allow_nan=False) + "\n")

@@ -21,17 +21,19 @@ SHOWN = 4
 EXAMPLES = (
     "morphkit tokens cheetah",
     "morphkit tokens walker --naming canonical",
-    "morphkit tokens my_robot.urdf --format json --output tokens.json",
-    "morphkit tokens cheetah --quantity position --quantity translational_velocity",
-    "morphkit tokens my_robot.xml --sensors all",
+    "morphkit tokens my_robot.urdf --json --output tokens.json",
+    "morphkit tokens cheetah --sensors position,translational_velocity",
+    "morphkit tokens my_robot.xml --source all",
 )
 
 
 def tokens(
     robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a shipped robot, or a URDF or MJCF file.")],
     output_format: Annotated[
-        Literal["table", "json", "csv"], typer.Option("--format", help="How to print the tokens.")
-    ] = "table",
+        Literal["table", "json", "csv"] | None,
+        typer.Option("--format", help="How to print the tokens.", show_default="table"),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="The same as --format json.")] = False,
     naming: Annotated[
         Literal["raw", "canonical"],
         typer.Option(help="'raw' keeps the file's limb names; 'canonical' says them in plain words."),
@@ -43,15 +45,19 @@ def tokens(
         Literal["words", "raw"],
         typer.Option(help="Text that the language model reads: words, or the name with its underscores."),
     ] = "words",
-    sensors: Annotated[
+    source: Annotated[
         Literal["limb", "declared", "all"],
         typer.Option(help="What every limb senses; what the sensors in the file read; or both."),
     ] = "limb",
-    quantity: Annotated[
+    sensors: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME",
-            help="Leave out sensor tokens of other quantities; several may be given. 'no_ltv': all but 'type'.",
+            "--sensors",
+            "--quantity",
+            metavar="NAME,...",
+            help="Quantities that are sensed, such as position, as in trainer.sensors; may be given often. 'no_ltv': "
+            "all but 'type'.",
+            show_default="all",
         ),
     ] = None,
     root: Annotated[
@@ -69,6 +75,7 @@ def tokens(
 
     The same file always gives the same bytes.
     """
+    printed = common.output_format(output_format, "table", as_json=as_json)
     from morphkit.readers import read
     from morphkit.tokens.declared_sensors import without_scalars
     from morphkit.tokens.selection import take_quantities
@@ -82,17 +89,17 @@ def tokens(
         limb_names=limb_names,
         text_style=text_style,
         canonical=description.info.canonical,
-        sensors=sensors,
+        source=source,
     )
-    spec = take_quantities(spec, quantity or ())
-    if sensors != "limb" and (silent := without_scalars(morphology)):
+    spec = take_quantities(spec, [name for names in sensors or () for name in names.split(",")])
+    if source != "limb" and (silent := without_scalars(morphology)):
         typer.echo(f"note: no scalars from {', '.join(silent)}", err=True)
     if spec.given_names:
         typer.echo(f"note: {_given_names(spec)}", err=True)
-    if output_format == "table":
+    if printed == "table":
         text = _table(spec, width=terminal_width() if output is None else None)
     else:
-        text = spec.to_json() if output_format == "json" else spec.to_csv()
+        text = spec.to_json() if printed == "json" else spec.to_csv()
     if output is None:
         sys.stdout.write(text)
     else:

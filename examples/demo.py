@@ -127,7 +127,7 @@ def main() -> None:
         shutil.rmtree(run)
 
     tokens = json.loads(
-        step("1. What the robot senses, token by token", "tokens", ROBOT, "--format", "json", into=out / "tokens.json")
+        step("1. What the robot senses, token by token", "tokens", ROBOT, "--json", into=out / "tokens.json")
     )
     console.print(f"{len(tokens['sensors'])} sensor tokens and {len(tokens['actuators'])} actuator tokens, such as")
     for token in (*tokens["sensors"][19:22], tokens["actuators"][0]):

@@ -11,10 +11,11 @@ from types import MappingProxyType
 from morphkit.description import Description, RobotInfo
 from morphkit.errors import ConfigError, DescriptionError, MorphkitError, UnknownNameError
 from morphkit.robot_toml import FILE_NAME, Recipe, RobotToml, read_robot_toml
-from morphkit.utils.suggest import did_you_mean
+from morphkit.utils.suggest import did_you_mean, nearest
 
 MANIFEST = "manifest.json"
 _SUFFIXES = (".urdf", ".xml")
+_READABLE = (*_SUFFIXES, ".xacro", ".json")
 _NO_PACKAGES: Mapping[str, Path] = MappingProxyType({})
 _NO_ARGUMENTS: Mapping[str, str] = MappingProxyType({})
 
@@ -268,11 +269,19 @@ def _printable(name: str) -> str:
 
 def _unknown(path: Path, tomls: Mapping[str, RobotToml]) -> UnknownNameError:
     """The error for a robot that is neither shipped nor on disk."""
+    if path.suffix or len(path.parts) > 1:
+        return UnknownNameError(f"{path}: no such file{_nearest_file(path)}")
     names = [*tomls, *(name for toml in tomls.values() for name in toml.recipes)]
-    here = path.parent if path.parent.is_dir() else Path()
-    files = [str(file) for file in here.iterdir() if file.suffix in _SUFFIXES]
-    kind = "no such file" if path.suffix or len(path.parts) > 1 else "no such robot or file"
     return UnknownNameError(
-        f"{path}: {kind}{did_you_mean(str(path), files) or did_you_mean(path.stem, names)}\n"
+        f"{path}: no such robot or file{_nearest_file(path) or did_you_mean(path.stem, names)}\n"
         f"  shipped robots: {', '.join(tomls)}; give one of their names, or the path of a .urdf or .xml file"
     )
+
+
+def _nearest_file(path: Path) -> str:
+    """`; did you mean 'folder/robot.urdf'?` with a description or a folder beside a path that does not exist."""
+    if not path.parent.is_dir():
+        return f": there is no folder {path.parent}"
+    beside = {entry.name: entry for entry in path.parent.iterdir() if entry.suffix in _READABLE or entry.is_dir()}
+    near = nearest(path.name, beside)
+    return f"; did you mean {str(beside[near])!r}?" if near else ""

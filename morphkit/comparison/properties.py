@@ -88,7 +88,7 @@ def gather_facts(description: Description) -> Facts:
     robot: dict[str, Value] = {"base": morphology.base, "family": morphology.family, "task": morphology.task}
     if mechanics.states_dynamics:
         robot["start height"] = float(mechanics.model.body_pos[mechanics.root, 2])
-    spec = token_spec(morphology, sensors="all")
+    spec = token_spec(morphology, source="all")
     joints = _joints(mechanics)
     actuators = {actuator.name: _actuator(mechanics, actuator) for actuator in morphology.actuators}
     elements: dict[str, Table] = {}

@@ -139,7 +139,7 @@ def convert(
 def _motor_notes(morphology: Morphology) -> Iterator[str]:
     bounded = [each for each in morphology.actuators if np.isfinite(each.high)]
     if bounded:
-        yield f"{len(bounded)} motors were added, each bounded by its joint's effort limit"
+        yield completion.motors_note(len(bounded))
     for actuator in morphology.actuators:
         if actuator not in bounded:
             yield f"motor {actuator.name!r} is unbounded: joint {actuator.joint!r} has no effort limit"

@@ -167,7 +167,7 @@ def _complete(
         notes.append("a floor was added")
     if not spec.actuators and morphology.actuators:
         completion.add_motors(spec, morphology.actuators)
-        notes.append(f"{len(morphology.actuators)} motors were added, each bounded by its joint's effort limit")
+        notes.append(completion.motors_note(len(morphology.actuators)))
     return notes
 
 

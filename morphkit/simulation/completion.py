@@ -141,6 +141,12 @@ def add_motors(spec: mujoco.MjSpec, actuators: Sequence[Actuator]) -> None:
             motor.ctrlrange = [actuator.low, actuator.high]
 
 
+def motors_note(number: int) -> str:
+    """What is said of so many added motors."""
+    added = "1 motor was added," if number == 1 else f"{number} motors were added, each"
+    return f"{added} bounded by its joint's effort limit"
+
+
 def add_limb_sensors(spec: mujoco.MjSpec, bodies: Sequence[str]) -> None:
     """Append the sensors that tokens are read from, those of a limb one after the other; see `tokens.quantities`."""
     for body in bodies:

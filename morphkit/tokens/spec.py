@@ -29,7 +29,7 @@ from morphkit.tokens.records import ActuatorToken, SensorToken, TokenLimb
 
 __all__ = ["ActuatorToken", "Naming", "SensorToken", "TokenLimb", "TokenSpec", "token_spec"]
 
-SensorChoice = Literal["limb", "declared", "all"]
+Source = Literal["limb", "declared", "all"]
 _About = tuple[str | None, str, str | None, str, str | None, float | None, float | None]
 """Limb, quantity, component, unit, frame, low and high of a sensor token."""
 
@@ -115,7 +115,7 @@ def token_spec(
     limb_names: Literal["body", "joint"] = "body",
     text_style: Literal["words", "raw"] = "words",
     canonical: Mapping[str, str] | None = None,
-    sensors: SensorChoice = "limb",
+    source: Source = "limb",
 ) -> TokenSpec:
     """Name every scalar that a robot's limbs sense and that its actuators accept.
 
@@ -126,7 +126,7 @@ def token_spec(
             limbs without a joint keep their body's name.
         text_style: `words` puts spaces for underscores in `text`; `raw` sends the name as it is, as published code did.
         canonical: Raw limb name -> plain words, before the rules of `canonical` naming (`RobotInfo.canonical`).
-        sensors: `limb` gives what every limb senses, `declared` the readings of the sensors in the file, `all` both, in
+        source: `limb` gives what every limb senses, `declared` the readings of the sensors in the file, `all` both, in
             this order.
 
     Returns:
@@ -139,7 +139,7 @@ def token_spec(
         ("naming", naming, get_args(Naming)),
         ("limb_names", limb_names, ("body", "joint")),
         ("text_style", text_style, ("words", "raw")),
-        ("sensors", sensors, get_args(SensorChoice)),
+        ("source", source, get_args(Source)),
     ):
         if value not in choices:
             raise ConfigError(f"{option} is {value!r}, expected one of {', '.join(choices)}")
@@ -148,14 +148,14 @@ def token_spec(
     sensed: list[tuple[str, _About]] = []
     named: list[Named] = []
     body = "link" if morphology.format == "urdf" else "body"
-    if sensors != "declared":
+    if source != "declared":
         for limb in morphology.limbs:
             for scalar in limb_scalars(limb, joints[limb.name]):
                 name = f"{labels[limb.name]}_{scalar.suffix}"
                 limit = scalar.limit
                 sensed.append((name, (*scalar[:1], *scalar[2:6], limit and -limit, limit)))
                 named.append((name, body, limb.name))
-    if sensors != "limb":
+    if source != "limb":
         words = limb_words(morphology, naming, canonical or {}) if naming == "canonical" else None
         for name, sensor, reading in declared_readings(morphology, words):
             sensed.append((name, (sensor.limb, *astuple(reading))))

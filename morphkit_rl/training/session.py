@@ -28,7 +28,8 @@ class Session:
         settings: The run.
 
     Raises:
-        ConfigError: A robot has no actuators, the method cannot express it, or its replay does not fit into memory.
+        ConfigError: A robot has no actuators, the method cannot express it, its replay does not fit into memory, or
+            there is no such device.
     """
 
     def __init__(self, settings: run_settings.RunSettings):
@@ -43,6 +44,7 @@ class Session:
                 raise ConfigError(
                     f"{robot.name}: has no actuators, so there is nothing to learn; add motors or leave it out"
                 )
+        check_device(settings.device)
         # Before texts are encoded, which takes long for so large bodies.
         make_buffers([(len(robot.spec.sensors), len(robot.spec.actuators)) for robot in robots], config.trainer)
         library.prepare()  # Actions are random at first, so that nobody waits.
@@ -111,6 +113,20 @@ class Session:
         """Stop the threads of the environments."""
         self.collector.env.close()
         self.monitor.close()
+
+
+def check_device(name: str) -> None:
+    """Refuse a device that PyTorch does not have here.
+
+    Raises:
+        ConfigError: It does not; the message lists those that it has.
+    """
+    gpus = torch.cuda.device_count()
+    known = ["cpu", *["cuda"][:gpus], *(f"cuda:{number}" for number in range(gpus))]
+    known += ["mps"] * torch.backends.mps.is_available()
+    if name not in known:
+        hint = "; a GPU is called 'cuda'" if name.lower() in ("gpu", "nvidia") else ""
+        raise ConfigError(f"device {name!r}: PyTorch has none of this name here{hint}; it has {', '.join(known)}")
 
 
 def check_sizes(run: Path, config: TrainConfig) -> None:

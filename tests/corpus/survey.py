@@ -89,7 +89,7 @@ def _read(description: Description, outcome: Outcome, parts: Collection[str]) ->
     morphology = read(description)
     spec = token_spec(morphology)
     outcome.limbs, outcome.sensors, outcome.actuators = len(spec.limbs), len(spec.sensors), len(spec.actuators)
-    outcome.declared = len(token_spec(morphology, naming="canonical", sensors="declared").sensors)
+    outcome.declared = len(token_spec(morphology, naming="canonical", source="declared").sensors)
     assert token_spec(read(description)).to_json() == spec.to_json(), "the same file gives other bytes"
     if "convert" in parts and description.format == "urdf":
         outcome.refused = refusal(description)

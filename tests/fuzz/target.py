@@ -27,7 +27,7 @@ def attempt(source: bytes) -> str:
         robot = Description("broken", "broken.urdf" if form == "urdf" else "broken.xml", form, source)
         morphology = read(robot)
         for naming in ("raw", "canonical"):
-            spec = token_spec(morphology, naming=naming, sensors="all")
+            spec = token_spec(morphology, naming=naming, source="all")
             assert TokenSpec.from_json(spec.to_json()) == spec
     except MorphkitError as error:
         return _explained(error, "refused")

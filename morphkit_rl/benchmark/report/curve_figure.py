@@ -84,10 +84,13 @@ def _draw(
         ends += _draw_method(axes, entry, style.color(entry.method, methods), measure)
         if len(entry.done) < len(entry.cells):
             remarks.append(f"{style.label(entry.method)}: {entry.states}")
-    end = max(ends) or float(published_steps())
+    published = float(published_steps())
+    end = max(ends) or published
     for name, level in levels.items():
-        look: dict[str, Any] = {"color": style.color(name, methods), "markevery": [1], "clip_on": False, "zorder": 1.5}
-        axes.plot([0, end], [level, level], **look, **_published(name))
+        look: dict[str, Any] = {"color": style.color(name, methods), "markevery": [1], "zorder": 1.5}
+        axes.plot([0, published], [level, level], clip_on=published > end, **look, **_published(name))
+    if levels and end < published:
+        remarks.append(f"published: at {published / 1e6:g}M steps, right of this axis")
     if len(ends) == 1:
         style.say(axes, "no values yet" if entries else "not in this matrix")
     axes.set_xlim(0, end)

@@ -63,6 +63,7 @@ def test_bug_is_not_hidden(monkeypatch):
         (["tokns"], "Did you mean 'tokens'"),
         (["tokens"], "Missing argument 'ROBOT'"),
         (["tokens", "cheetah", "--format", "xml"], "'xml' is not one of 'table', 'json', 'csv'"),
+        (["tokens", "cheetah", "--json", "--format", "csv"], "only one of json and csv"),
         (["tokens", "cheetah", "--naming", "odd"], "'odd' is not one of 'raw', 'canonical'"),
         (["ablate", "cheetah"], "say what to cut"),
         (["ablate", "cheetah", "--all", "--remove", "ffoot"], "leave out --remove"),

@@ -127,7 +127,7 @@ def test_the_root_is_passed_on(folder: Path) -> None:
         ("cheetha", "cheetha: no such robot or file; did you mean 'cheetah'"),
         ("cheetah_3_balancd", "did you mean 'cheetah_3_balanced'"),
         ("x.xml", "x.xml: no such file"),
-        ("no/such/robot.urdf", "no/such/robot.urdf: no such file"),
+        ("no/such/robot.urdf", "no/such/robot.urdf: no such file: there is no folder no/such"),
         ("zzzzzzzz", "shipped robots: arm, cheetah, hopper"),
     ],
 )
@@ -140,6 +140,16 @@ def test_unknown_robots_are_named_with_the_nearest(target: str, message: str) ->
 def test_a_missing_file_names_the_nearest_beside_it(folder: Path) -> None:
     with pytest.raises(UnknownNameError, match=r"did you mean '.*/other\.urdf'"):
         registry.load(folder / "othre.urdf")
+
+
+def test_a_path_is_compared_with_what_lies_there_and_never_with_robots(folder: Path) -> None:
+    (folder / "cheetahs").mkdir()
+    with pytest.raises(UnknownNameError, match=r"did you mean '.*/cheetahs'") as error:
+        registry.load(folder / "cheetah")
+    with pytest.raises(UnknownNameError) as other:
+        registry.load(folder / "walker_2_mian.xml")
+    assert "did you mean" not in str(other.value)
+    assert "shipped" not in f"{error.value}{other.value}"
 
 
 def test_recipes_of_an_unknown_robot() -> None:

@@ -34,7 +34,7 @@ def test_elements_of_an_mjcf_file_are_named_after_what_they_hold() -> None:
 
 
 def test_the_map_of_an_mjcf_file() -> None:
-    spec = token_spec(read(mjcf()), sensors="all")
+    spec = token_spec(read(mjcf()), source="all")
     found = [(each.given, each.kind, each.original, each.where, each.id) for each in spec.given_names]
     assert found == [
         ("knee_body", "body", None, "r.xml:5", 3),

@@ -44,7 +44,7 @@ def test_links_and_joints_of_a_urdf_that_share_a_name() -> None:
     assert [(each.name, each.joint) for each in morphology.actuators] == [
         (name, name) for name in ("hip", "hip_2", "toe_joint")
     ]
-    found = token_spec(morphology, sensors="all").given_names
+    found = token_spec(morphology, source="all").given_names
     assert [(each.given, each.kind, each.original, each.where, each.id) for each in found] == [
         ("hip_2", "joint", "hip", "r.urdf:11", None),
         ("toe_joint", "joint", None, "r.urdf:13", None),

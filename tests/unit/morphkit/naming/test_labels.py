@@ -67,7 +67,7 @@ def test_labels_never_take_a_name_of_the_file() -> None:
 
 def test_shipped_robots_have_all_their_names() -> None:
     for robot in shipped():
-        assert token_spec(read(robot), sensors="all").given_names == ()
+        assert token_spec(read(robot), source="all").given_names == ()
 
 
 @st.composite

@@ -90,7 +90,7 @@ def test_units_frames_and_limbs(xml: str, unit: str, frame: str | None, limb: st
 
 def test_a_sensor_with_several_components_gives_several_tokens() -> None:
     morphology = read(robot('<gyro name="imu_gyro" site="imu" cutoff="4"/><clock/><touch name="left_toe" site="toe"/>'))
-    spec = token_spec(morphology, sensors="declared")
+    spec = token_spec(morphology, source="declared")
     assert [token.name for token in spec.sensors] == ["imu_gyro_x", "imu_gyro_y", "imu_gyro_z", "clock", "left_toe"]
     first = spec.sensors[0]
     assert (first.text, first.limb, first.quantity, first.component) == ("imu gyro x", "trunk", "gyro", "x")
@@ -102,13 +102,13 @@ def test_a_sensor_with_several_components_gives_several_tokens() -> None:
 
 def test_all_is_limb_and_then_declared() -> None:
     morphology = read(robot('<touch name="leg_angle" site="toe"/>'))
-    limb, declared, both = (token_spec(morphology, sensors=choice) for choice in ("limb", "declared", "all"))
+    limb, declared, both = (token_spec(morphology, source=choice) for choice in ("limb", "declared", "all"))
     assert [token.name for token in limb.sensors] == [token.name for token in token_spec(morphology).sensors]
     assert [token.name for token in both.sensors] == [*(token.name for token in limb.sensors), "leg_angle_2"]
     assert [token.name for token in declared.sensors] == ["leg_angle"]
     assert limb.actuators == declared.actuators
-    with pytest.raises(ConfigError, match="sensors"):
-        token_spec(morphology, sensors="none")  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="source"):
+        token_spec(morphology, source="none")  # type: ignore[arg-type]
 
 
 def test_sensors_of_another_body_tree_are_not_the_robots() -> None:
@@ -126,7 +126,7 @@ def test_sensors_of_a_urdf() -> None:
     <gazebo reference="j"><sensor name="ft" type="force_torque"/></gazebo>
     <gazebo reference="other"><sensor name="far" type="imu"/></gazebo></robot>"""
     morphology = read(Description("r", "r.urdf", "urdf", text.encode(), root="a"))
-    spec = token_spec(morphology, sensors="declared", naming="canonical")
+    spec = token_spec(morphology, source="declared", naming="canonical")
     assert len(spec.sensors) == 10 + 6
     assert [spec.sensors[i].name for i in (0, 4, 10)] == ["imu_orientation_w", "imu_angular_velocity_x", "ft_force_x"]
     assert [sensor.limb for sensor in morphology.sensors] == ["a", "a", "b"]

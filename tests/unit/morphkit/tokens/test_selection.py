@@ -98,9 +98,12 @@ def test_specifications_of_other_robots_and_orders_are_refused() -> None:
 
 
 def test_the_command_leaves_out_what_was_not_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["tokens", "cheetah", "--quantity", "no_ltv", "--format", "csv"]) == 0
+    assert run(["tokens", "cheetah", "--sensors", "no_ltv", "--format", "csv"]) == 0
     rows = capsys.readouterr().out.splitlines()
     assert len(rows) == 1 + 7 * 15 + 6
     assert not any(",type," in row for row in rows)
-    assert run(["tokens", "cheetah", "--quantity", "positon"]) == 2
-    assert "did you mean 'position'" in capsys.readouterr().err
+    assert run(["tokens", "cheetah", "--sensors", "position,translational_velocity", "--format", "csv"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 1 + 7 * 6 + 6
+    for option in ("--sensors", "--quantity"):
+        assert run(["tokens", "cheetah", option, "positon"]) == 2
+        assert "did you mean 'position'" in capsys.readouterr().err

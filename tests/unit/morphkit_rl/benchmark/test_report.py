@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from morphkit.errors import CheckpointError, OutputError
 from morphkit_rl.benchmark.cells import read_matrix
+from morphkit_rl.benchmark.report.curve_figure import write_curves
 from morphkit_rl.benchmark.report.curves import SeedCurve, band, seed_curve
 from morphkit_rl.benchmark.report.write import write_report
 from morphkit_rl.benchmark.statistics import mean_of_means
@@ -164,6 +165,23 @@ def test_pictures_have_the_panels_of_the_study(report: Path, figures: list[Figur
     shown = [text.get_text() for text in curves.legends[0].get_texts()]
     assert "MA-BERT, published" in shown
     assert "95 % interval over seeds" in shown
+
+
+@pytest.mark.parametrize(("steps", "right_of_it"), [(3_000, True), (3_000_000, False), (6_000_000, False)])
+def test_published_levels_end_where_they_were_reached(steps: int, right_of_it: bool, tmp_path: Path) -> None:
+    make_matrix(tmp_path / "matrix", tasks=["walkers"], seeds=1, steps=steps)
+    entries = summarize(read_matrix(tmp_path / "matrix"))
+    with pytest.MonkeyPatch.context() as patch:
+        drawn: list[Figure] = []
+        patch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
+        write_curves(tmp_path / "curves.png", "1", ["walkers"], entries, "return", "")
+    (axes,) = drawn[0].axes
+    lines = [line for line in axes.lines if line.get_marker() == "D"]
+    assert len(lines) == 3
+    assert {line.get_xdata()[1] for line in lines} == {3_000_000}
+    assert {line.get_clip_on() for line in lines} == {right_of_it}
+    assert axes.get_xlim() == (0, pytest.approx(steps, rel=0.02))
+    assert any("right of this axis" in text.get_text() for text in axes.texts) is right_of_it
 
 
 def test_bars_are_the_estimates_and_missing_ones_are_called_so(report: Path, figures: list[Figure]) -> None:

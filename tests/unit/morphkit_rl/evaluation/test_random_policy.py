@@ -41,7 +41,7 @@ def test_the_document_lists_all_bodies() -> None:
 @pytest.mark.parametrize("body", ["hopper_5", "walker_2_main"])
 def test_documented_returns_are_what_the_command_prints(body: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Other processors round otherwise, which parts trajectories: means may move by what chance allows."""
-    assert run(["benchmark", "random", body, "--format", "json"]) == 0
+    assert run(["benchmark", "random", body, "--json"]) == 0
     (result,) = json.loads(capsys.readouterr().out)
     mean, std, steps = DOCUMENTED[body]
     error = std / np.sqrt(100)

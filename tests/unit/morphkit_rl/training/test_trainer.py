@@ -54,6 +54,16 @@ def test_a_resumed_run_equals_one_that_never_stopped(tmp_path: Path, config: Tra
     assert_same(run, tmp_path / "parts")
 
 
+@pytest.mark.parametrize(("device", "hint"), [("gpu", "; a GPU is called 'cuda'"), ("cpu:7", ""), ("meta", "")])
+def test_a_device_that_is_not_there_is_refused_in_one_line(
+    device: str, hint: str, tmp_path: Path, config: TrainConfig
+) -> None:
+    with pytest.raises(ConfigError, match=rf"device '{device}': PyTorch has none .* here{hint}; it has cpu") as error:
+        train([load("hopper")], tmp_path / "run", config, steps=16, device=device)
+    assert "\n" not in str(error.value)
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_replay_that_does_not_fit_is_refused_before_texts_are_encoded(tmp_path: Path, config: TrainConfig) -> None:
     large = load_config(overrides=[*_overrides(config), "trainer.replay_capacity=10_000_000_000_000"])
     with pytest.raises(ConfigError, match=r"does not fit into memory .*; set trainer\.replay_capacity to less"):
