@@ -1,17 +1,23 @@
-"""Files that are whole or not there at all: written under a temporary name, then renamed."""
+"""Files that are whole or not there at all: written under a temporary name, then renamed.
+
+The writing process keeps the temporary file locked. A killed one leaves its file, but not the lock.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import secrets
 import stat
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 from morphkit.errors import MorphkitError, OutputError
 
 _STEM, _TOKEN_BYTES = 40, 4  # in bytes, names are bounded
+_LOCKING_S = 10.0  # longer than any process needs from making a file to locking it
 _EXCLUSIVE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | getattr(os, "O_NOFOLLOW", 0)
 
 
@@ -32,7 +38,7 @@ def write_atomically(path: Path, write: Callable[[Path], object], *, durable: bo
     Raises:
         OSError: The disk is full or the folder cannot be written.
     """
-    temporary, mode = _make_temporary(path)
+    temporary, mode, lock = _make_temporary(path)
     try:
         write(temporary)
         if stat.S_IMODE(temporary.stat().st_mode) != mode:
@@ -43,6 +49,8 @@ def write_atomically(path: Path, write: Callable[[Path], object], *, durable: bo
     finally:
         if temporary.parent.is_dir():
             temporary.unlink(missing_ok=True)
+        if lock is not None:
+            os.close(lock)
     return path
 
 
@@ -59,11 +67,14 @@ def write_text(path: Path, text: str, *, durable: bool = False) -> Path:
 def write_output(path: Path, write: Callable[[Path], object]) -> Path:
     """`write_atomically` for what a user asked for: the folder of `path` is made where it is missing.
 
+    What killed processes left of the same file goes.
+
     Raises:
         OutputError: The file cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        _sweep(path)
         return write_atomically(path, write)
     except MorphkitError:
         raise
@@ -80,15 +91,47 @@ def flush(path: Path) -> None:
         os.close(descriptor)
 
 
-def _make_temporary(path: Path) -> tuple[Path, int]:
-    """A new empty file next to `path`, never one that somebody put there, and the mode that it got."""
+def _make_temporary(path: Path) -> tuple[Path, int, int | None]:
+    """A new empty file next to `path`, never one that somebody put there, its mode, and a descriptor that locks it."""
     while True:
         temporary = path.with_name(f".{path.stem[:_STEM]}.{secrets.token_hex(_TOKEN_BYTES)}{path.suffix}")
         try:
             descriptor = os.open(temporary, _EXCLUSIVE, 0o666)
         except FileExistsError:
             continue
-        try:
-            return temporary, stat.S_IMODE(os.fstat(descriptor).st_mode)
-        finally:
-            os.close(descriptor)
+        mode = stat.S_IMODE(os.fstat(descriptor).st_mode)
+        if _lock(descriptor):
+            return temporary, mode, descriptor
+        os.close(descriptor)
+        return temporary, mode, None
+
+
+def _lock(descriptor: int) -> bool:
+    """Lock an open file until it is closed; False where it is locked already, or nothing can be."""
+    if os.name != "posix":
+        return False
+    import fcntl
+
+    with contextlib.suppress(OSError):
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return True
+    return False
+
+
+def _sweep(path: Path) -> None:
+    """Remove the temporary files of `path` that nobody writes any more."""
+    if os.name != "posix":  # where no lock says so
+        return
+    names = temporary_names(path)
+    for left in path.parent.iterdir():
+        if not names.fullmatch(left.name):
+            continue
+        with contextlib.suppress(OSError):
+            descriptor = os.open(left, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOFOLLOW)
+            try:
+                found = os.fstat(descriptor)
+                ours = stat.S_ISREG(found.st_mode) and found.st_uid == os.getuid()
+                if ours and time.time() - found.st_mtime > _LOCKING_S and _lock(descriptor):
+                    left.unlink()
+            finally:
+                os.close(descriptor)

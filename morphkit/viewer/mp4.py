@@ -14,6 +14,8 @@ from typing import IO
 
 import numpy as np
 
+from morphkit.utils.interrupts import Interrupts
+
 _QUALITY = 15  # H.264's constant rate factor: 0 loses nothing, 51 is worst
 
 
@@ -32,25 +34,31 @@ def encode(frames: Iterable[np.ndarray], path: Path, fps: float, ffmpeg: str) ->
     iterator = iter(frames)
     first = next(iterator)
     height, width = first.shape[:2]
+    process: subprocess.Popen[bytes] | None = None
     with tempfile.TemporaryFile() as said:
-        process = subprocess.Popen(
-            _command(ffmpeg, path, width, height, fps),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=said,
-            start_new_session=os.name == "posix",  # Ctrl-C is for us, who end it
-        )
-        assert process.stdin is not None
         try:
+            with Interrupts() as interrupts:  # a process that nobody knows would make the file anew
+                process = subprocess.Popen(
+                    _command(ffmpeg, path, width, height, fps),
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.DEVNULL,
+                    stderr=said,
+                    start_new_session=os.name == "posix",  # Ctrl-C is for us, who end it
+                )
+            if interrupts.wanted:
+                raise KeyboardInterrupt
+            assert process.stdin is not None
             with contextlib.suppress(BrokenPipeError), process.stdin as pipe:  # ffmpeg says why it ended
                 pipe.write(_bytes(first))
                 for frame in iterator:
                     pipe.write(_bytes(frame))
         except BaseException:
-            process.kill()
+            if process is not None:
+                process.kill()
             raise
         finally:
-            process.wait()
+            if process is not None:
+                process.wait()
         if process.returncode:
             raise OSError(f"ffmpeg: {_reason(said) or f'exit code {process.returncode}'}")
 

@@ -15,12 +15,12 @@ import torch
 from morphkit.description import Description
 from morphkit.errors import TrainingError
 from morphkit.morphology import Base
+from morphkit.utils.interrupts import Interrupts
 from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.runs import checkpoint, run_folder, run_settings
 from morphkit_rl.runs.lock import alone
 from morphkit_rl.runs.metrics_log import MetricsLog
 from morphkit_rl.runs.trusted_encoder import with_encoder
-from morphkit_rl.training.interrupts import Interrupts
 from morphkit_rl.training.progress import Clock, Mark, Progress, TrainSummary
 from morphkit_rl.training.session import Session, check_sizes
 

@@ -7,6 +7,8 @@ import hashlib
 import json
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
 
@@ -181,3 +183,17 @@ def test_variants_keep_what_the_robot_says(morphkit: Run) -> None:
     )
     assert (less["family"], less["task"], less["base"]) == (full["family"], full["task"], full["base"])
     assert {sensor["text"] for sensor in less["sensors"]} < {sensor["text"] for sensor in full["sensors"]}
+
+
+def test_a_film_that_sigterm_stops_leaves_nothing(
+    start: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
+) -> None:
+    process = start("show", "cheetah", "--gif", "film.mp4")
+    while not listing(tmp_path):
+        if process.poll() == 2:
+            pytest.skip("no OpenGL, or no ffmpeg")
+        assert process.poll() is None
+        time.sleep(0.02)
+    process.terminate()
+    assert process.wait(60) == 143
+    assert listing(tmp_path) == set()

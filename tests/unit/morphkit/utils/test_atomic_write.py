@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import os
 import re
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -79,3 +82,36 @@ def test_names_of_temporary_files_are_known(tmp_path: Path) -> None:
         write_atomically(tmp_path / name, lambda file, seen=seen: (seen.append(file.name), file.write_text("x")))
         assert re.fullmatch(temporary_names(tmp_path / name), seen[0])
         assert not re.fullmatch(temporary_names(tmp_path / name), name)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs file locks")
+def test_what_a_killed_process_left_is_swept_and_what_is_being_written_stays(tmp_path: Path) -> None:
+    program = (
+        "import pathlib, sys, time; from morphkit.utils.atomic_write import write_output\n"
+        "write = lambda file: (file.write_text('half'), print(flush=True), time.sleep(99))\n"
+        "write_output(pathlib.Path(sys.argv[1]), write)"
+    )
+    mine = tmp_path / ".film.0123.mp4"
+    mine.write_text("mine")
+
+    def begin() -> tuple[subprocess.Popen[bytes], Path]:
+        before = {*tmp_path.iterdir()}
+        process = subprocess.Popen([sys.executable, "-c", program, tmp_path / "film.mp4"], stdout=subprocess.PIPE)
+        assert process.stdout
+        process.stdout.readline()
+        (temporary,) = {*tmp_path.iterdir()} - before
+        os.utime(temporary, (time.time() - 60,) * 2)
+        return process, temporary
+
+    killed, left = begin()
+    killed.kill()
+    killed.wait()
+    assert left.read_text() == "half"
+    other, being_written = begin()
+    try:
+        assert not left.exists()
+        write_output(tmp_path / "film.mp4", lambda file: file.write_text("whole"))
+        assert {*tmp_path.iterdir()} == {mine, being_written, tmp_path / "film.mp4"}
+    finally:
+        other.kill()
+        other.wait()
