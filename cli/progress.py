@@ -90,12 +90,15 @@ def rates(progress: Progress) -> str:
 
 def returns(progress: Progress) -> str:
     """The mean training return over the robots, with the worst and the best of them."""
-    if not progress.returns:
+    found = {**progress.first_returns, **progress.returns}
+    if not found:
         return "no episode has ended yet"
-    ranked = sorted(progress.returns.items(), key=lambda item: item[1])
+    ranked = sorted(found.items(), key=lambda item: item[1])
     (worst, low), (best, high) = ranked[0], ranked[-1]
-    mean = f"mean return {fmean(progress.returns.values()):.0f}"
-    return mean if len(ranked) == 1 else f"{mean}, from {low:.0f} ({worst}) to {high:.0f} ({best})"
+    text = f"mean return {fmean(found.values()):.0f}"
+    if len(ranked) > 1:
+        text += f", from {low:.0f} ({worst}) to {high:.0f} ({best})"
+    return f"{text}; of first, shorter episodes, scaled up" if progress.first_returns else text
 
 
 def _thousands(number: float) -> str:

@@ -159,12 +159,16 @@ def _report(summary: TrainSummary, robots: list[str], encoder: str | None, *, as
                 "advanced": summary.advanced,
                 "diverged": summary.diverged,
                 "returns": summary.returns,
+                "first_returns": summary.first_returns,
             }
         )
     elif not quiet:
-        if summary.returns:
-            rows = [(robot, f"{value:.1f}") for robot, value in summary.returns.items()]
-            sys.stdout.write(table(("body", "training return"), rows, right=["training return"]) + "\n")
+        groups = (("", summary.returns), ("first, shorter episodes, scaled up", summary.first_returns))
+        rows = [(robot, f"{value:.1f}", note) for note, group in groups for robot, value in group.items()]
+        columns = ("body", "training return", "of") if summary.first_returns else ("body", "training return")
+        if rows:
+            cells = [row[: len(columns)] for row in rows]
+            sys.stdout.write(table(columns, cells, right=["training return"]) + "\n")
         sys.stdout.write(
             f"{common.count(summary.steps, 'step')} and {common.count(summary.updates, 'update')} "
             f"in {common.duration(summary.elapsed_s)}; run: {summary.run}\n"

@@ -79,16 +79,24 @@ class MetricsLog:
 
     def _append(self, row: Mapping[str, Any]) -> None:
         append_plain(self.path, json.dumps(row) + "\n")
-        for key, value in row.items():
-            if isinstance(value, int | float) and key != "steps":
-                self.writer.add_scalar(key, value, row["steps"])
-        for robot, value in row["returns"].items():
-            self.writer.add_scalar(f"return/{robot}", value, row["steps"])
-        for robot, result in row.get("evaluation", {}).items():
-            self.writer.add_scalar(f"evaluation/{robot}", result["mean"], row["steps"])
-            if result["score"] is not None:
-                self.writer.add_scalar(f"score/{robot}", result["score"], row["steps"])
+        for tag, value in scalars(row).items():
+            self.writer.add_scalar(tag, value, row["steps"])
         self.writer.flush()
+
+
+def scalars(row: Mapping[str, Any]) -> dict[str, float]:
+    """The numbers of a row of metrics by tag, such as `critic_loss`, `return/mean` and `return/hopper`."""
+    found = {key: value for key, value in row.items() if isinstance(value, int | float)}
+    del found["steps"]
+    for group in ("return", "first_return"):
+        mean = found.pop(f"{group}_mean", None)
+        found |= {f"{group}/{robot}": value for robot, value in row.get(f"{group}s", {}).items()}
+        found |= {} if mean is None else {f"{group}/mean": mean}
+    for robot, result in row.get("evaluation", {}).items():
+        found[f"evaluation/{robot}"] = result["mean"]
+        if result["score"] is not None:
+            found[f"score/{robot}"] = result["score"]
+    return found
 
 
 def _moment(row: Mapping[str, Any]) -> tuple[int, int]:

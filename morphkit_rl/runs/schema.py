@@ -104,6 +104,7 @@ class State(Part):
     episodes: Count
     sweeps: Count
     recent: list[list[float]]
+    recent_first: list[list[float]] | None = None
     ended: list[Count] | None = None
     segments: list[Segment]
     rng: Generator
@@ -173,6 +174,8 @@ class Row(Part):
     diverged: Count | None = None
     return_mean: float | None = None
     returns: dict[str, float] = {}
+    first_return_mean: float | None = None
+    first_returns: dict[str, float] = {}
     evaluation: dict[str, _Score] | None = None
 
 

@@ -22,6 +22,8 @@ from morphkit_rl.runs.network_arrays import require_shapes
 from morphkit_rl.runs.schema import check_generators
 
 RECENT_EPISODES = 8
+LEAST_SHARE = 0.05
+"""Of an episode of full length, what of it has to be played for its return to be scaled up."""
 
 
 class Collector:
@@ -40,6 +42,7 @@ class Collector:
         real_steps: All environment steps.
         episodes: Episodes that were reported.
         recent: Returns of each robot's latest reported episodes.
+        first: The same of its first episodes, which are shorter, and whose returns are scaled to the full length.
         ended: Episodes of each robot that ended, int64 (robots,).
     """
 
@@ -61,6 +64,7 @@ class Collector:
         self.buffers = make_buffers(widths, config)
         self.steps = self.real_steps = self.episodes = 0
         self.recent: list[deque[float]] = [deque(maxlen=RECENT_EPISODES) for _ in robots]
+        self.first: list[deque[float]] = [deque(maxlen=RECENT_EPISODES) for _ in robots]
         self.ended = np.zeros(len(robots), np.int64)
         self.obs = np.zeros(0)
 
@@ -118,10 +122,25 @@ class Collector:
         self.recent[episode.robot].append(float(episode.episode_return))
         self.episodes += 1
 
+    def report_first(self, episode: Episode, elapsed: int) -> None:
+        """Remember the return of an episode that began as if so many steps were done already.
+
+        Where the time limit ended it, its return is scaled to the full length; one too short for that is left out.
+        """
+        full = self.robots[episode.robot].task.episode_length
+        share = (full - elapsed) / full if episode.length >= full else 1.0
+        if share >= LEAST_SHARE:
+            self.first[episode.robot].append(float(episode.episode_return) / share)
+
     def returns(self) -> dict[str, float]:
         """Mean return of each robot's latest episodes, with exploration noise; robots without one are left out."""
         pairs = zip(self.robots, self.recent, strict=True)
         return {robot.name: float(np.mean(recent)) for robot, recent in pairs if recent}
+
+    def first_returns(self) -> dict[str, float]:
+        """As `returns`, of the first episodes of robots that have no other yet."""
+        triples = zip(self.robots, self.first, self.recent, strict=True)
+        return {robot.name: float(np.mean(first)) for robot, first, recent in triples if first and not recent}
 
     def only_diverged(self) -> dict[str, int]:
         """Robots whose every episode ended because the simulation diverged, with how many those were.
@@ -142,6 +161,7 @@ class Collector:
             "real_steps": self.real_steps,
             "episodes": self.episodes,
             "recent": [list(recent) for recent in self.recent],
+            "recent_first": [list(first) for first in self.first],
             "ended": self.ended.tolist(),
         }
 
@@ -164,6 +184,8 @@ class Collector:
         self.ended[:] = self.env.diverged + 1 if ended is None else ended  # older runs, which did not count, lost none
         for recent, values in zip(self.recent, state["recent"], strict=True):
             recent.extend(values)
+        for first, values in zip(self.first, state.get("recent_first") or [[]] * len(self.first), strict=True):
+            first.extend(values)
 
 
 def make_buffers(widths: Sequence[tuple[int, int]], config: TrainerConfig) -> list[ReplayBuffer]:

@@ -23,6 +23,7 @@ class Progress:
         steps_per_s: Environment steps a second of late.
         updates_per_s: Updates a second of late.
         returns: Mean return of each robot's latest episodes, with exploration noise.
+        first_returns: The same of robots that have ended only first, shorter episodes; scaled to the full length.
     """
 
     steps: int
@@ -33,6 +34,7 @@ class Progress:
     steps_per_s: float
     updates_per_s: float
     returns: dict[str, float]
+    first_returns: dict[str, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,7 @@ class TrainSummary:
         updates: Critic updates.
         elapsed_s: Training time, s, over all resumptions.
         returns: Mean return of each robot's latest episodes, with exploration noise.
+        first_returns: The same of robots that have ended only first, shorter episodes; scaled to the full length.
         diverged: Episodes that ended because the simulation diverged.
         interrupted: Whether Ctrl-C ended it before its budget.
         advanced: Whether anything was done; not where a resumed run had used up its budget.
@@ -57,6 +60,7 @@ class TrainSummary:
     updates: int
     elapsed_s: float
     returns: dict[str, float]
+    first_returns: dict[str, float]
     diverged: int
     interrupted: bool
     advanced: bool = True

@@ -35,7 +35,7 @@ class Sweeps:
     """A piece is a sweep: one step of every environment, then some updates that mix all robots.
 
     Episodes of robots that never fall would all end in the same sweep, so the first ones start at random elapsed step
-    counts, spread over the episode length. They are not reported, since they are shorter.
+    counts, spread over the episode length. They are reported as such, since they are shorter.
 
     Args:
         config: All settings.
@@ -46,16 +46,13 @@ class Sweeps:
     """
 
     def __init__(self, config: TrainConfig, agent: Agent, collector: Collector, rng: np.random.Generator, seed: int):
-        self.config, self.agent, self.collector, self.rng, self.seed = config, agent, collector, rng, seed
+        self.config, self.agent, self.collector, self.rng = config, agent, collector, rng
         self._first = np.ones((len(collector.robots), collector.num_envs), bool)
+        self._elapsed = _elapsed(collector, seed)
 
     def begin(self) -> None:
         """Start the first episodes at random elapsed step counts."""
-        rng = np.random.default_rng([self.seed, 2])
-        order = np.stack([rng.permutation(self.collector.num_envs) for _ in self.collector.robots])
-        shares = (order + rng.random(order.shape)) / self.collector.num_envs
-        lengths = np.array([robot.task.episode_length for robot in self.collector.robots])
-        self.collector.reset((shares * lengths[:, None]).astype(np.int64))
+        self.collector.reset(self._elapsed)
 
     def advance(self) -> dict[str, Tensor]:
         """Step every environment once, then learn."""
@@ -68,9 +65,12 @@ class Sweeps:
         self.collector.store(action, step)
         self.collector.steps += self._first.size
         for episode in step.episodes:
-            if not self._first[episode.robot, episode.env]:
+            place = episode.robot, episode.env
+            if self._first[place]:
+                self.collector.report_first(episode, int(self._elapsed[place]))
+            else:
                 self.collector.report(episode)
-            self._first[episode.robot, episode.env] = False
+            self._first[place] = False
         losses: dict[str, Tensor] = {}
         if not warm_up:
             for batch in batches(self.config, self.collector.buffers, self.rng):
@@ -165,6 +165,15 @@ class Rounds:
             self.updates_left = self.updates_due.copy()
             self._counted = np.zeros_like(self._counted)
             self._over[:] = False
+
+
+def _elapsed(collector: Collector, seed: int) -> np.ndarray:
+    """Step counts that first episodes begin with, int64 (robots, environments), spread over the episode length."""
+    rng = np.random.default_rng([seed, 2])
+    order = np.stack([rng.permutation(collector.num_envs) for _ in collector.robots])
+    shares = (order + rng.random(order.shape)) / collector.num_envs
+    lengths = np.array([robot.task.episode_length for robot in collector.robots])
+    return (shares * lengths[:, None]).astype(np.int64)
 
 
 def batches(config: TrainConfig, buffers: Sequence[ReplayBuffer], rng: np.random.Generator) -> Iterator[Batch]:

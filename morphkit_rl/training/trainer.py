@@ -155,6 +155,7 @@ class Trainer:
             updates=now.updates,
             elapsed_s=now.elapsed_s,
             returns=now.returns,
+            first_returns=now.first_returns,
             diverged=int(collector.env.diverged.sum()),
             interrupted=now.fraction < 1,
             advanced=advanced,
@@ -242,12 +243,12 @@ class Trainer:
             steps_per_s=(now.steps - mark.steps) / seconds,
             updates_per_s=(now.updates - mark.updates) / seconds,
             returns=self.session.collector.returns(),
+            first_returns=self.session.collector.first_returns(),
         )
 
     def _metrics(self, mark: Mark) -> dict[str, Any]:
         """One row of metrics."""
         now, collector = self._progress(mark), self.session.collector
-        returns = now.returns
         return {
             "steps": now.steps,
             "real_steps": collector.real_steps,
@@ -257,10 +258,25 @@ class Trainer:
             "updates_per_s": round(now.updates_per_s, 2),
             "episodes": collector.episodes,
             "diverged": int(collector.env.diverged.sum()),
-            "return_mean": float(np.mean(list(returns.values()))) if len(returns) == len(collector.robots) else None,
-            "returns": returns,
+            "return_mean": self._mean(now.returns),
+            "returns": now.returns,
+            **self._first(now),
             **{name: float(value) for name, value in self._losses.items()},
         }
+
+    def _first(self, now: Progress) -> dict[str, Any]:
+        """What a row says of first episodes, until every robot has ended another."""
+        if not now.first_returns:
+            return {}
+        return {
+            "first_return_mean": self._mean({**now.returns, **now.first_returns}),
+            "first_returns": now.first_returns,
+        }
+
+    def _mean(self, returns: Mapping[str, float]) -> float | None:
+        """Mean over all robots; None where one is missing."""
+        whole = len(returns) == len(self.session.collector.robots)
+        return float(np.mean(list(returns.values()))) if whole else None
 
 
 def _refuse_diverged(robots: Mapping[str, int], run: Path) -> None:

@@ -205,6 +205,7 @@ def sample_progress(**changes):
         "steps_per_s": 1499.6,
         "updates_per_s": 31.2,
         "returns": {"a": 10.0, "b": 30.0, "c": 20.0},
+        "first_returns": {},
     }
     return SimpleNamespace(**{**values, **changes})
 
@@ -215,6 +216,8 @@ def test_progress_in_words():
     )
     assert progress.rates(sample_progress(remaining_s=None)).endswith("2 min 10 s")
     assert progress.returns(sample_progress()) == "mean return 20, from 10 (a) to 30 (b)"
+    young = sample_progress(returns={"a": 10.0, "b": 30.0}, first_returns={"c": 60.0})
+    assert progress.returns(young) == "mean return 33, from 10 (a) to 60 (c); of first, shorter episodes, scaled up"
     assert progress.returns(sample_progress(returns={})) == "no episode has ended yet"
 
 

@@ -18,6 +18,7 @@ from morphkit.registry import load
 from morphkit_rl.buffers.replay_buffer import Batch, sample
 from morphkit_rl.config.methods import method_names
 from morphkit_rl.config.train_config import TrainConfig, load_config
+from morphkit_rl.envs.episode_counters import Episode
 from morphkit_rl.runs.run_settings import RunSettings
 from morphkit_rl.training.schedules import Rounds, Sweeps, batches
 from morphkit_rl.training.session import Session
@@ -58,10 +59,17 @@ def assert_same(one: Session, other: Session) -> None:
 
 def test_first_episodes_of_a_robot_that_never_falls_end_spread_over_the_episode_length() -> None:
     one = session("arm", overrides=("trainer.start_steps=1000000", "trainer.num_envs=8"))
-    reported = []
+    reported, first = [], []
     for sweep in range(1, 2001):
         one.schedule.advance()
         reported += [sweep] * (one.collector.episodes - len(reported))
+        first += [sweep] * (len(one.collector.first[0]) - len(first))
+        if sweep == 999:
+            assert one.collector.first_returns().keys() == {"arm"}
+            assert not one.collector.returns()
+    assert len(first) >= 7, "all but the shortest are reported, as what they are"
+    assert first[0] < 250
+    assert not one.collector.first_returns(), "whole ones take their place"
     assert len(reported) == 8, "each environment ends one whole episode; the shortened first ones are left out"
     assert np.histogram(reported, bins=8, range=(1000, 2000))[0].tolist() == [1] * 8
     assert all(1000 <= sweep <= 2000 for sweep in reported)
@@ -274,3 +282,17 @@ def test_updates_take_the_scale_of_the_robots_that_they_are_for(monkeypatch: pyt
     scales = one.agent.returns.scale().tolist()
     assert given == [scales, scales[:1], scales[1:]]
     assert scales[0] != scales[1]
+
+
+def test_returns_of_first_episodes_are_scaled_to_the_full_length_where_time_ended_them() -> None:
+    collector = session("hopper").collector
+    full = collector.robots[0].task.episode_length
+    collector.report_first(Episode(0, 0, 50.0, full), elapsed=full - full // 10)
+    assert collector.first_returns() == {"hopper": pytest.approx(500.0)}
+    collector.report_first(Episode(0, 1, 50.0, full - 1), elapsed=full // 2)
+    assert collector.first_returns() == {"hopper": pytest.approx((500 + 50) / 2)}, "a fall is no shorter for that"
+    collector.report_first(Episode(0, 1, 50.0, full), elapsed=full - 1)
+    assert len(collector.first[0]) == 2, "one step says nothing"
+    again = session("hopper").collector
+    again.restore(collector.arrays(), collector.state(), Path("environments.safetensors"))
+    assert again.first_returns() == collector.first_returns()
