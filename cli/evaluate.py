@@ -22,6 +22,7 @@ VIDEO_WIDTH, VIDEO_HEIGHT = 480, 320
 EXAMPLES = (
     "morphkit evaluate runs/first cheetah-family",
     "morphkit evaluate runs/first cheetah_3_balanced --episodes 20 --video out.mp4",
+    "morphkit evaluate runs/first cheetah-family --checkpoint best",
 )
 
 
@@ -45,6 +46,12 @@ def evaluate(
         Path | None,
         typer.Option(metavar="FILE", help="Film an episode: an .mp4 or .gif; of several bodies, FILE-<body> each."),
     ] = None,
+    checkpoint: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME", help="'latest'; 'best' on the validation bodies, see trainer.keep; or the name of one."
+        ),
+    ] = "latest",
     encoder: common.EncoderOption = None,
     xacro_arg: common.XacroArgOption = None,
     trust_xacro: common.TrustXacroOption = False,
@@ -61,15 +68,22 @@ def evaluate(
     bodies = common.load_bodies(robots, xacro_arg, trust_xacro=trust_xacro)
 
     from morphkit_rl.evaluation.evaluate import evaluate as measure
+    from morphkit_rl.runs.checkpoint import load_state
 
-    found = measure(run, bodies, episodes=episodes, seed=seed, task=task, base=base, encoder=encoder)
+    where: dict[str, Any] = {"task": task, "base": base, "encoder": encoder, "checkpoint": checkpoint}
+    found = measure(run, bodies, episodes=episodes, seed=seed, **where)
+    folder, state = load_state(run, checkpoint)
+    trained = {"checkpoint": folder.name, "steps": state["steps"], "elapsed_s": round(state["elapsed_s"], 3)}
     if as_json:
-        common.print_json({"run": str(run), "episodes": episodes, "seed": seed, "robots": [_row(r) for r in found]})
+        rows = [_row(result) for result in found]
+        common.print_json({"run": str(run), **trained, "episodes": episodes, "seed": seed, "robots": rows})
     else:
         _print_table(found)
+        spent = common.duration(state["elapsed_s"])
+        typer.echo(f"\ntrained for {common.count(state['steps'], 'step')}, in {spent} ({folder.name})", err=True)
     _say_diverged(found)
     if video is not None:
-        _film(run, bodies, video, seed=seed, task=task, base=base, encoder=encoder)
+        _film(run, bodies, video, seed=seed, **where)
 
 
 def _check_video(video: Path) -> None:

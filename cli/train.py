@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from morphkit_rl.training.progress import Progress, TrainSummary
 
 EXAMPLES = (
-    "morphkit train cheetah-family --run runs/first --hold-out cheetah-no-ffoot --minutes 8",
+    "morphkit train cheetah-family --run runs/first --hold-out cheetah-no-ffoot --steps 370000",
     "morphkit train my_robot.urdf --run runs/own --task locomotion --base planar --steps 500000",
     "morphkit train --run runs/first --resume",
 )

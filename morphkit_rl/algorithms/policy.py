@@ -20,7 +20,9 @@ from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.models import build
 from morphkit_rl.models.layout import build_layout
 from morphkit_rl.models.vocabulary import Vocabulary
-from morphkit_rl.runs import checkpoint, network_arrays, run_settings
+from morphkit_rl.runs import checkpoint as checkpoints
+from morphkit_rl.runs import network_arrays, run_settings
+from morphkit_rl.runs.run_folder import LATEST
 from morphkit_rl.runs.trusted_encoder import with_encoder
 from morphkit_rl.text.baselines import controlled
 from morphkit_rl.text.embedder import TokenEmbedder
@@ -61,13 +63,14 @@ class Policy:
         self._latest: tuple[TokenSpec, Controller] | None = None  # finding a specification takes 30 us
 
     @classmethod
-    def load(cls, run: str | Path, *, encoder: str | None = None) -> Policy:
-        """Load the latest checkpoint of a run folder.
+    def load(cls, run: str | Path, *, encoder: str | None = None, checkpoint: str = LATEST) -> Policy:
+        """Load a checkpoint of a run folder.
 
         Args:
             run: The run folder.
             encoder: Text encoder in place of the run's own, which needs your trust where it does not ship with
                 morphkit; see `trusted_encoder.with_encoder`.
+            checkpoint: `latest`, `best`, or the name of one that the run kept.
 
         Raises:
             CheckpointError: There is none, it is damaged, or it belongs to another method.
@@ -75,11 +78,11 @@ class Policy:
             DependencyError: The text encoder is out of reach.
         """
         run = Path(run)
-        folder, state = checkpoint.load_state(run)
+        folder, state = checkpoints.load_state(run, checkpoint)
         saved = run_settings.read(run)
         config = run_settings.train_config(run, saved)
         config = with_encoder(config, run, encoder)
-        arrays = checkpoint.load_arrays(folder / "policy.safetensors")
+        arrays = checkpoints.load_arrays(folder / "policy.safetensors")
         vocabulary, quantities = Vocabulary.from_dict(state["vocabulary"]), state["quantities"]
         origin = folder / "policy.safetensors"
         network_arrays.require_sizes([config.model], vocabulary, arrays, origin)
@@ -102,7 +105,7 @@ class Policy:
         if components is not None and (components.ndim != 2 or len(components) != source.size):
             raise CheckpointError(f"{origin}: damaged: embedding/components is {components.shape}")
         method = find_method(config.model.method)
-        checkpoint.check_method(folder, state, method.name)
+        checkpoints.check_method(folder, state, method.name)
         tune = make_tuner(config.text.tune, embedder, vocabulary.texts)
         with run_settings.buildable(run):
             actor, _ = build(config.model, embedder.size, vocabulary, tune)

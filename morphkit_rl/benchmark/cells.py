@@ -131,7 +131,7 @@ def create(plans: Sequence[MatrixPlan], matrix: Path) -> None:
         if not (folder / CELL).is_file():
             fresh.append((folder, values))
             continue
-        difference = _difference(read_plan(folder / CELL), values)
+        difference = _difference(_with_defaults(read_plan(folder / CELL), folder / CELL), values)
         if difference:
             raise ConfigError(f"{folder}: exists with other settings ({difference}); choose another --out")
     try:
@@ -203,6 +203,11 @@ def read_plan(path: Path) -> dict[str, Any]:
 
 def _hashes(descriptions: Iterable[Description]) -> dict[str, str]:
     return {each.name: each.sha256 for each in descriptions}
+
+
+def _with_defaults(plan: dict[str, Any], path: Path) -> dict[str, Any]:
+    """What `path` holds, with defaults for settings that came after it was written."""
+    return {**plan, "config": TrainConfig.from_dict(plan["config"], origin=str(path)).to_dict()}
 
 
 def _difference(old: Any, new: Any, where: str = "") -> str:

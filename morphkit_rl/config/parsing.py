@@ -77,8 +77,8 @@ def _check(hint: Any, value: Any, where: str, bounds: Mapping[str, Any]) -> Any:
         if value not in choices:
             raise ConfigError(f"{where} is {value!r}; expected one of {', '.join(choices)}")
         return value
-    if isinstance(hint, types.UnionType):
-        raise TypeError(f"{where}: settings have one type")
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return _check_word_or_number(hint, value, where, bounds)
     if hint == tuple[str, ...]:
         return _words(value, where)
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
@@ -91,6 +91,20 @@ def _check(hint: Any, value: Any, where: str, bounds: Mapping[str, Any]) -> Any:
             expected = f"of at least {low}" if math.isinf(high) else f"from {low} to {high}"
             raise ConfigError(f"{where} is {value!r}; expected a number {expected}")
     return value
+
+
+def _check_word_or_number(hint: Any, value: Any, where: str, bounds: Mapping[str, Any]) -> Any:
+    """A setting that is one of some words, or a number."""
+    words, number = typing.get_args(hint)
+    if typing.get_origin(words) is not Literal or number not in (int, float):
+        raise TypeError(f"{where}: a setting has one type, or is one of some words or a number")
+    choices = typing.get_args(words)
+    if value in choices:
+        return value
+    if isinstance(value, str):
+        expected = f"one of {', '.join(choices)}, or a number of at least {bounds.get('at_least', 0)}"
+        raise ConfigError(f"{where} is {value!r}; expected {expected}")
+    return _check(number, value, where, bounds)
 
 
 def _words(value: Any, where: str) -> tuple[str, ...]:

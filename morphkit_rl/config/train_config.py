@@ -109,6 +109,8 @@ class TrainerConfig:
         precision: `bfloat16`, `float32`, or `auto` for what the processor is good at.
         log_seconds: Seconds between two rows of metrics.
         checkpoint_seconds: Seconds between two checkpoints.
+        keep: `last`: the newest checkpoint only; `best`: also the one whose noise-free evaluation was best on the
+            validation robots; a number: the newest so many.
     """
 
     schedule: Literal["sweeps", "rounds"] = "sweeps"
@@ -126,6 +128,7 @@ class TrainerConfig:
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
     log_seconds: float = 10.0
     checkpoint_seconds: float = 60.0
+    keep: Literal["last", "best"] | int = bounded("last", at_least=1)
 
 
 def _default_model() -> ModelSettings:

@@ -20,6 +20,7 @@ from morphkit_rl.envs.batch_env import BatchEnv
 from morphkit_rl.envs.robot import Robot
 from morphkit_rl.evaluation.episodes import RobotReturns, mean_interval, normalized, play, random_controller
 from morphkit_rl.runs import run_settings
+from morphkit_rl.runs.run_folder import LATEST
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,7 @@ def evaluate(
     task: str | None = None,
     base: Base | None = None,
     encoder: str | None = None,
+    checkpoint: str = LATEST,
 ) -> list[RobotResult]:
     """Run a trained policy on robots, seen or unseen.
 
@@ -74,6 +76,7 @@ def evaluate(
         task: Name of the task; default: that of the run, which may be each robot's own.
         base: How roots are attached to the world; default: as `task`.
         encoder: Text encoder in place of the run's own; see `Policy.load`.
+        checkpoint: Which of the run's checkpoints; as `encoder`.
 
     Raises:
         CheckpointError: The run has no whole checkpoint.
@@ -84,7 +87,7 @@ def evaluate(
         raise ConfigError(f"episodes is {episodes}; expected at least 1")
     if seed < 0:
         raise ConfigError(f"seed is {seed}; expected a non-negative number")
-    policy = Policy.load(run, encoder=encoder)
+    policy = Policy.load(run, encoder=encoder, checkpoint=checkpoint)
     robots = _prepare(run, policy, descriptions, task, base)
     with single_thread():
         return [_evaluate_one(policy, robot, episodes, seed) for robot in robots]
@@ -99,13 +102,14 @@ def record(
     task: str | None = None,
     base: Base | None = None,
     encoder: str | None = None,
+    checkpoint: str = LATEST,
 ) -> tuple[Simulation, np.ndarray, float]:
-    """Play one noise-free episode for a video; task, base and encoder as in `evaluate`.
+    """Play one noise-free episode for a video; task, base, encoder and checkpoint as in `evaluate`.
 
     Returns:
         The simulation, qpos (steps + 1, nq) of the episode, and its steps a second.
     """
-    policy = Policy.load(run, encoder=encoder)
+    policy = Policy.load(run, encoder=encoder, checkpoint=checkpoint)
     (robot,) = _prepare(run, policy, [description], task, base)
     env = _single(policy, robot, 1, seed)
     obs = env.reset()[0]

@@ -1,7 +1,8 @@
 """Run folders: crash-safe checkpoints without pickle.
 
 A checkpoint is a folder that is written under a temporary name and renamed when it is whole; `checkpoints/latest`
-names the newest. The replay is kept next to them, see `replay_segments`.
+names the newest, `checkpoints/best` the best. The replay that the newest needs is kept next to them, see
+`replay_segments`.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ from safetensors.numpy import save_file
 from morphkit.errors import CheckpointError, MorphkitError, OutputError
 from morphkit.utils.atomic_write import write_atomically, write_text
 from morphkit.utils.plain_files import read_plain
+from morphkit.utils.suggest import did_you_mean_or_list
 from morphkit_rl.runs import run_folder, schema
-from morphkit_rl.runs.run_folder import CHECKPOINT_NAME, CHECKPOINTS, LATEST
+from morphkit_rl.runs.run_folder import BEST, CHECKPOINT_NAME, CHECKPOINTS, LATEST
 
 FORMAT_VERSION = 3
 _WITHOUT_DIGESTS = 2  # the version before, which is still read
@@ -30,8 +32,12 @@ _STATE = "state.json"
 
 
 @contextmanager
-def writing(run: Path) -> Iterator[None]:
+def writing(run: Path, keep: int = 1) -> Iterator[None]:
     """Around everything that writes a checkpoint of `run`; where that fails, what was written goes.
+
+    Args:
+        run: The run folder.
+        keep: As in `save`.
 
     Raises:
         OutputError: The disk is full or the folder cannot be written.
@@ -40,7 +46,7 @@ def writing(run: Path) -> Iterator[None]:
         yield
     except BaseException as error:
         with suppress(OSError, CheckpointError):
-            run_folder.clear_checkpoints(run, keep=_latest(run) if has_checkpoint(run) else None)
+            run_folder.clear_checkpoints(run, keep=_kept(run, keep))
             run_folder.clear_segments(run, keep={segment["file"] for segment in segments(run)})
         if not isinstance(error, OSError) or isinstance(error, MorphkitError):
             raise
@@ -48,8 +54,17 @@ def writing(run: Path) -> Iterator[None]:
         raise OutputError(f"{run}: cannot write a checkpoint: {error.strerror or error}; {left}") from None
 
 
-def save(run: Path, tensors: Mapping[str, Mapping[str, np.ndarray]], state: Mapping[str, Any]) -> None:
+def save(
+    run: Path,
+    tensors: Mapping[str, Mapping[str, np.ndarray]],
+    state: Mapping[str, Any],
+    *,
+    keep: int = 1,
+    best: bool = False,
+) -> None:
     """Write a checkpoint and make it the latest; older ones go, and replay segments that it does not need.
+
+    The best one stays whatever its age.
 
     To be called within `writing`, which removes what a failure leaves.
 
@@ -57,6 +72,8 @@ def save(run: Path, tensors: Mapping[str, Mapping[str, np.ndarray]], state: Mapp
         run: The run folder.
         tensors: One safetensors file a name.
         state: What JSON can hold; `real_steps` and `updates` name the checkpoint, `segments` lists its replay.
+        keep: How many of the newest stay.
+        best: Whether this one is the best so far.
 
     Raises:
         OSError: The disk is full or the folder cannot be written; the previous checkpoint stays.
@@ -64,11 +81,11 @@ def save(run: Path, tensors: Mapping[str, Mapping[str, np.ndarray]], state: Mapp
     run_folder.require_folder(run)
     folder = run / CHECKPOINTS
     name = f"step-{state['real_steps']:012d}-{state['updates']:010d}"
-    latest = _latest(run) if has_checkpoint(run) else None
-    if latest == name:
-        name += "-again"  # the latest is only ever removed once another is whole
+    kept = _kept(run, keep)
+    while name in kept:
+        name += "-again"  # what is kept is only ever removed once another is whole
     temporary = folder / f".{name}.tmp"
-    run_folder.clear_checkpoints(run, keep=latest)
+    run_folder.clear_checkpoints(run, keep=kept)
     temporary.mkdir(parents=True)
     for file, arrays in tensors.items():
         save_arrays(temporary / f"{file}.safetensors", arrays)
@@ -79,8 +96,10 @@ def save(run: Path, tensors: Mapping[str, Mapping[str, np.ndarray]], state: Mapp
     schema.parse(text.encode(), schema.State, str(temporary / _STATE))  # what could not be read again is not written
     write_text(temporary / _STATE, text, durable=True)
     temporary.rename(folder / name)
+    if best:
+        write_text(folder / BEST, name + "\n", durable=True)
     write_text(folder / LATEST, name + "\n", durable=True)
-    run_folder.clear_checkpoints(run, keep=name)
+    run_folder.clear_checkpoints(run, keep=_kept(run, keep))
     run_folder.clear_segments(run, keep={segment["file"] for segment in state["segments"]})
 
 
@@ -99,8 +118,12 @@ def require_folder(run: Path) -> None:
         raise CheckpointError(f"{run}: there is nothing to resume from: the folder checkpoints is missing")
 
 
-def load_state(run: Path) -> tuple[Path, dict[str, Any]]:
-    """Find the latest checkpoint and read its state.
+def load_state(run: Path, which: str = LATEST) -> tuple[Path, dict[str, Any]]:
+    """Find a checkpoint and read its state.
+
+    Args:
+        run: The run folder.
+        which: `latest`, `best`, or a checkpoint's name.
 
     Returns:
         The checkpoint's folder and its `state.json`.
@@ -108,20 +131,20 @@ def load_state(run: Path) -> tuple[Path, dict[str, Any]]:
     Raises:
         CheckpointError: There is none, something of it is damaged, or the run folder holds links.
     """
-    folder, state = _read_state(run)
+    folder, state = _read_state(run, which)
     for name, file in state["files"].items():
         if isinstance(file, dict):
             _check_digest(folder / name, file["sha256"], read_plain(folder / name))
     return folder, state
 
 
-def _read_state(run: Path) -> tuple[Path, dict[str, Any]]:
+def _read_state(run: Path, which: str = LATEST) -> tuple[Path, dict[str, Any]]:
     """`load_state` without a look into the large files."""
     run_folder.require_folder(run)
     if not has_checkpoint(run):
         run_folder.require_run(run)
         raise CheckpointError(f"{run}: holds no checkpoint (the run was stopped before its first checkpoint)")
-    folder = run / CHECKPOINTS / _latest(run)
+    folder = run / CHECKPOINTS / _name(run, which)
     place = folder / _STATE
     state = schema.read(place, schema.State)
     for name, file in state["files"].items():
@@ -147,13 +170,23 @@ def _check_digest(path: Path, expected: str, content: bytes) -> None:
         raise CheckpointError(f"{path}: damaged: its SHA-256 is not the one that it was written with")
 
 
-def _latest(run: Path) -> str:
-    """Name of the latest checkpoint.
+def _name(run: Path, which: str) -> str:
+    """Name of the checkpoint that is the `latest` or `best`, or has this name.
 
     Raises:
-        CheckpointError: The file that holds it cannot be read, or holds something else.
+        CheckpointError: There is none, or the file that names it is damaged.
     """
-    path = run / CHECKPOINTS / LATEST
+    if which not in (LATEST, BEST):
+        known = run_folder.checkpoint_names(run)
+        if which not in known:
+            hint = did_you_mean_or_list(which, [LATEST, BEST, *known])
+            raise CheckpointError(f"{run}: holds no checkpoint {which[:80]!r}{hint}")
+        return which
+    path = run / CHECKPOINTS / which
+    if which == BEST and not path.is_file():
+        raise CheckpointError(
+            f"{run}: holds no best checkpoint; runs with trainer.keep=best have one from their first evaluation on"
+        )
     try:
         name = read_plain(path).decode().strip()
     except (OSError, ValueError) as error:
@@ -161,6 +194,16 @@ def _latest(run: Path) -> str:
     if not CHECKPOINT_NAME.fullmatch(name):
         raise CheckpointError(f"{path}: damaged: {name[:80]!r} is no name of a checkpoint")
     return name
+
+
+def _kept(run: Path, number: int) -> set[str]:
+    """Names of the latest checkpoint, of some before it, and of the best one."""
+    if not has_checkpoint(run):
+        return set()
+    latest = _name(run, LATEST)
+    behind = [name for name in run_folder.checkpoint_names(run) if name < latest][::-1][: number - 1]
+    best = {_name(run, BEST)} if (run / CHECKPOINTS / BEST).is_file() else set()
+    return {latest, *behind, *best}
 
 
 def segments(run: Path) -> list[dict[str, Any]]:

@@ -17,9 +17,9 @@ from morphkit.utils.plain_files import require_plain
 from morphkit.utils.staging import require_text
 
 CONFIG, METRICS, CHECKPOINTS, REPLAY, ROBOTS = "config.json", "metrics.jsonl", "checkpoints", "replay", "robots"
-LATEST = "latest"
+LATEST, BEST = "latest", "best"
 
-CHECKPOINT_NAME = re.compile(r"step-\d{12,20}-\d{10,20}(-again)?", re.ASCII)
+CHECKPOINT_NAME = re.compile(r"step-\d{12,20}-\d{10,20}(-again){0,9}", re.ASCII)
 SEGMENT_NAME = re.compile(r"sweeps-\d{10,20}-\d{10,20}\.safetensors", re.ASCII)
 ROBOT_NAME = re.compile(r"\d{3,6}(-[A-Za-z0-9_-]{1,48})?\.(urdf|xml)", re.ASCII)
 _STAGE_NAME = re.compile(rf"\.{CHECKPOINT_NAME.pattern}\.tmp", re.ASCII)
@@ -68,13 +68,19 @@ def create_run(run: Path) -> None:
         raise OutputError(f"{run}: cannot make the run folder: {error.strerror}") from None
 
 
-def clear_checkpoints(run: Path, keep: str | None) -> None:
-    """Remove all checkpoints but one, and what failed ones left."""
+def checkpoint_names(run: Path) -> list[str]:
+    """Names of the checkpoints that there are, oldest first."""
+    folder = run / CHECKPOINTS
+    return sorted(each.name for each in folder.iterdir() if CHECKPOINT_NAME.fullmatch(each.name) and each.is_dir())
+
+
+def clear_checkpoints(run: Path, keep: Collection[str]) -> None:
+    """Remove all checkpoints but some, and what failed ones left."""
     for old in (run / CHECKPOINTS).iterdir():
         ours = CHECKPOINT_NAME.fullmatch(old.name) or _STAGE_NAME.fullmatch(old.name)
-        if ours and old.name != keep and old.is_dir() and not old.is_symlink():
+        if ours and old.name not in keep and old.is_dir() and not old.is_symlink():
             shutil.rmtree(old, ignore_errors=True)
-        elif temporary_names(run / CHECKPOINTS / LATEST).fullmatch(old.name):
+        elif any(temporary_names(run / CHECKPOINTS / name).fullmatch(old.name) for name in (LATEST, BEST)):
             old.unlink(missing_ok=True)
 
 

@@ -71,6 +71,10 @@ class RunSettings:
             raise ConfigError(f"two robots are called {twice[0]!r}; each needs a name of its own")
         if self.validation and not self.config.trainer.evaluate_steps:
             raise ConfigError("validation robots are never evaluated; set trainer.evaluate_steps, such as to 50000")
+        if self.config.trainer.keep == "best" and not self.validation:
+            raise ConfigError(
+                "trainer.keep=best needs validation robots to choose by: --validate NAME; those held out choose nothing"
+            )
         for name, value in (("minutes", self.minutes), ("steps", self.steps)):
             if value is not None and not 0 < value < float("inf"):
                 raise ConfigError(f"{name} is {value}; expected a positive number")

@@ -86,6 +86,7 @@ class _Rounds(Part):
 class _Evaluation(Part):
     done: Count
     random: list[float]
+    best: float | None = None
 
 
 class State(Part):

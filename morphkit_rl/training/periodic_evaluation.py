@@ -29,14 +29,19 @@ class Monitor:
         robots: Training robots, then validation robots.
         config: How often, and how many episodes.
         seed: Seed of the run.
+        validation: How many of the robots are validation robots.
 
     Attributes:
         done: Number of the last evaluation: steps / `evaluate_steps`, rounded down.
+        best: What the best evaluation so far was worth; None before the first.
+        improved: Whether the last evaluation was the best so far.
     """
 
-    def __init__(self, agent: Agent, robots: Sequence[Robot], config: TrainerConfig, seed: int):
+    def __init__(self, agent: Agent, robots: Sequence[Robot], config: TrainerConfig, seed: int, validation: int = 0):
         self.agent, self.robots, self.config, self.seed = agent, robots, config, seed
-        self.done = 0
+        self.done, self._validation = 0, validation
+        self.best: float | None = None
+        self.improved = False
         self._random: list[float] = []
         self._env: BatchEnv | None = None
         self._view = agent.view([robot.spec for robot in robots])
@@ -62,7 +67,7 @@ class Monitor:
         self.agent.refresh()
         returns = play(env, self._act).returns
         self.done = number
-        return {
+        found = {
             robot.name: {
                 "mean": float(own.mean()),
                 "returns": own.tolist(),
@@ -70,10 +75,14 @@ class Monitor:
             }
             for robot, own, random in zip(self.robots, returns, self._random, strict=True)
         }
+        worth = _worth(list(found.values())[-self._validation :]) if self._validation else None
+        self.improved = worth is not None and (self.best is None or worth > self.best)
+        self.best = worth if self.improved else self.best
+        return found
 
     def state(self) -> dict[str, Any]:
         """What a resumed run must know."""
-        return {"done": self.done, "random": self._random}
+        return {"done": self.done, "random": self._random, "best": self.best}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Take over what `state` gave.
@@ -83,7 +92,7 @@ class Monitor:
         """
         if len(state["random"]) not in (0, len(self.robots)):
             raise ConfigError(f"the evaluation's state is of {len(state['random'])} robots, not {len(self.robots)}")
-        self.done, self._random = state["done"], list(state["random"])
+        self.done, self._random, self.best = state["done"], list(state["random"]), state.get("best")
 
     def close(self) -> None:
         """Stop the threads of the environments."""
@@ -103,3 +112,9 @@ class Monitor:
 
     def _act(self, obs: list[np.ndarray]) -> list[np.ndarray]:
         return self._rows.to_controls(self.agent.act(np.concatenate(obs, axis=1), self._view, final=True))
+
+
+def _worth(results: Sequence[Mapping[str, Any]]) -> float:
+    """Mean score of an evaluation, or mean return where a robot has no score."""
+    scores = [result["score"] for result in results]
+    return float(np.mean([result["mean"] for result in results] if None in scores else scores))

@@ -53,21 +53,25 @@ class Session:
         self.agent = Agent(config, [robot.spec for robot in robots], settings.device)
         self.collector = Collector(robots, self.agent.robots.layout, config.trainer, settings.seed)
         self.schedule = make_schedule(config, self.agent, self.collector, self.rng, settings.seed)
-        self.monitor = Monitor(self.agent, [*robots, *validation], config.trainer, settings.seed)
+        self.monitor = Monitor(
+            self.agent, [*robots, *validation], config.trainer, settings.seed, validation=len(validation)
+        )
         self.schedule.begin()
 
-    def save(self, run: Path, elapsed_s: float) -> None:
+    def save(self, run: Path, elapsed_s: float, *, best: bool = False) -> None:
         """Write a checkpoint from which `restore` continues exactly.
 
         Args:
             run: The run folder.
             elapsed_s: Training time so far.
+            best: Whether it is the best so far.
 
         Raises:
             OutputError: The disk is full or the folder cannot be written; the previous checkpoint stays.
         """
-        buffers = self.collector.buffers
-        with checkpoint.writing(run):
+        buffers, keep = self.collector.buffers, self.settings.config.trainer.keep
+        number = keep if isinstance(keep, int) else 1
+        with checkpoint.writing(run, number):
             state = {
                 "elapsed_s": elapsed_s,
                 "sweeps": buffers[0].added,
@@ -79,7 +83,7 @@ class Session:
                 "evaluation": self.monitor.state(),
             }
             environments = {**self.collector.arrays(), **replay_segments.newest_arrays(buffers)}
-            checkpoint.save(run, {**self.agent.arrays(), "environments": environments}, state)
+            checkpoint.save(run, {**self.agent.arrays(), "environments": environments}, state, keep=number, best=best)
 
     def restore(self, run: Path) -> float:
         """Take over the latest checkpoint of `run`.

@@ -174,6 +174,9 @@ class Trainer:
                         break
                     log.write({**self._metrics(mark), "evaluation": evaluation})
                     logged, mark = clock.elapsed_s, self._mark()
+                    if config.keep == "best" and session.monitor.improved:
+                        saved = clock.elapsed_s
+                        self._save(run, best=True)
                 if self._fraction() >= 1:
                     break
                 session.agent.learner.set_rates(self._fraction())
@@ -201,10 +204,10 @@ class Trainer:
         except KeyboardInterrupt:
             return None
 
-    def _save(self, run: Path) -> None:
+    def _save(self, run: Path, *, best: bool = False) -> None:
         self._check()
         elapsed_s = self.clock.elapsed_s
-        self.session.save(run, elapsed_s)
+        self.session.save(run, elapsed_s, best=best)
         self.clock.elapsed_s = elapsed_s
 
     def _check(self) -> None:

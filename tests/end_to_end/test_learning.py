@@ -143,8 +143,9 @@ def test_a_checkpoint_cut_short_is_named(morphkit: Run, tmp_path: Path) -> None:
         assert "policy.safetensors: cut short" in morphkit(*arguments, code=2).stderr
 
 
-def test_validation_robots_are_evaluated_while_the_others_train(morphkit: Run, tmp_path: Path) -> None:
-    evaluate = ("--set", "trainer.evaluate_steps=60", "--set", "trainer.evaluate_episodes=1")
+def test_validation_robots_are_evaluated_while_the_others_train(morphkit: Run, in_process: Run, tmp_path: Path) -> None:
+    settings = ("evaluate_steps=60", "evaluate_episodes=1", "keep=best")
+    evaluate = [word for setting in settings for word in ("--set", f"trainer.{setting}")]
     arguments = ("hopper", "hopper_3", "hopper_4", "--validate", "hopper_4", "--hold-out", "hopper_3", *TINY, *evaluate)
     done = morphkit("train", *arguments, "--run", "run", "--steps", 130, "--json")
     assert list(json.loads(done.stdout)["returns"]) in ([], ["hopper"])
@@ -152,6 +153,14 @@ def test_validation_robots_are_evaluated_while_the_others_train(morphkit: Run, t
     evaluations = [row for row in rows if "evaluation" in row]
     assert [row["steps"] for row in evaluations] == [60, 120]
     assert all(list(row["evaluation"]) == ["hopper", "hopper_4"] for row in evaluations)
+    worth = {row["steps"]: row["evaluation"]["hopper_4"]["score"] for row in evaluations}
+    best = json.loads(
+        in_process("evaluate", "run", "hopper_3", "--episodes", 1, "--checkpoint", "best", "--json").stdout
+    )
+    assert best["steps"] == max(worth, key=lambda steps: worth[steps])
+    assert best["elapsed_s"] > 0
+    done = in_process("evaluate", "run", "hopper_3", "--episodes", 1)
+    assert "trained for 130 steps, in " in done.stderr
 
 
 def test_a_method_and_a_robot_that_do_not_fit_are_named(morphkit: Run) -> None:

@@ -70,7 +70,21 @@ def _standing(matrix: Path, cells: Sequence[Status]) -> str:
     said = " or ".join(
         " and ".join([*([f"{s:,} steps"] if s else []), *([f"{m:g} minutes"] if m else [])]) for s, m in budgets
     )
-    return f"{text}\nBudget of a cell: {said}.\n"
+    return f"{text}\nBudget of a cell: {said}.{_used(cells)}\n"
+
+
+def _used(cells: Sequence[Status]) -> str:
+    """How many steps and minutes the cells took that are done."""
+    results = [each.result for each in cells if each.result]
+    if not results:
+        return ""
+    steps, minutes = ([each["steps"] for each in results], [each["elapsed_s"] / 60 for each in results])
+    return f" Those that are done took {_range(steps, ',')} steps and {_range(minutes, '.1f')} minutes of training."
+
+
+def _range(values: Sequence[float], form: str) -> str:
+    low, high = format(min(values), form), format(max(values), form)
+    return low if low == high else f"{low} to {high}"
 
 
 def _tasks(entries: Sequence[Entry]) -> str:

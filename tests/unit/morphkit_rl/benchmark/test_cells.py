@@ -102,6 +102,18 @@ def test_states_of_cells(tmp_path: Path) -> None:
     assert read_cell(plans[4].cell.folder(tmp_path / "m")).state == "stopped"
 
 
+def test_a_cell_from_before_a_setting_came_has_its_default(tmp_path: Path) -> None:
+    plans = plan_matrix(load_benchmark(), **HOPPERS)
+    create(plans, tmp_path)
+    path = plans[0].cell.folder(tmp_path) / "cell.json"
+    values = json.loads(path.read_text())
+    assert values["config"]["trainer"].pop("keep") == "last"
+    path.write_text(json.dumps(values))
+    create(plans, tmp_path)
+    with pytest.raises(ConfigError, match=r'trainer\.keep is "last" there, not 2'):
+        create(plan_matrix(load_benchmark(), **{**HOPPERS, "overrides": ["trainer.keep=2"]}), tmp_path)
+
+
 def test_a_cell_with_other_settings_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
     matrix = tmp_path / "m"
     create(plan_matrix(load_benchmark(), **HOPPERS), matrix)

@@ -91,6 +91,7 @@ def test_a_half_done_matrix_says_so_everywhere(report: Path) -> None:
     text = (report / "report.md").read_text()
     assert "This matrix is not whole" in text
     assert "12 cells" in text
+    assert "Those that are done took 3,000,000 steps and 1.7 minutes of training." in text
     assert "7 done, 1 failed, 1 not started, 3 stopped" in text
     assert "| 1 | walkers | ma-bert | 1 | **failed** | RuntimeError: out of memory |" in text
     assert "| walkers | ma-bert | 1 of 3 done, 1 failed, 1 not started |" in text

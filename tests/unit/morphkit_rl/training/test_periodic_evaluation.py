@@ -9,11 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
-from morphkit.errors import ConfigError, UnknownNameError
+from morphkit.errors import CheckpointError, ConfigError, UnknownNameError
 from morphkit.registry import load
+from morphkit_rl.algorithms.policy import Policy
 from morphkit_rl.config.train_config import TrainConfig, load_config
-from morphkit_rl.runs import checkpoint, run_settings
+from morphkit_rl.evaluation.evaluate import evaluate
+from morphkit_rl.runs import checkpoint, run_folder, run_settings
 from morphkit_rl.runs.metrics_log import read_metrics
 from morphkit_rl.training.trainer import resume, train
 from tests.support.run_folders import assert_same
@@ -123,3 +126,78 @@ def test_a_robot_without_an_expert_has_returns_but_no_score(tmp_path: Path) -> N
     (result,) = evaluations(tmp_path / "run").values()
     assert result["hopper"]["score"] is None
     assert json.loads(json.dumps(result)) == result
+
+
+HOPPERS = ("hopper", "hopper_3", "hopper_4")
+KEEP_BEST = ("trainer.evaluate_steps=20", "trainer.evaluate_episodes=1", "trainer.keep=best")
+
+
+@pytest.fixture
+def worth(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """What evaluations are worth, in turn; they go on being made."""
+    values = [1.0, 3.0, 2.0, 4.0, 0.0]
+    monkeypatch.setattr("morphkit_rl.training.periodic_evaluation._worth", lambda results: values[len(seen(results))])
+    found: list[Any] = []
+
+    def seen(results: Any) -> list[Any]:
+        assert len(results) == 1, "the validation body alone"
+        found.append(results)
+        return found[:-1]
+
+    return values
+
+
+@pytest.mark.usefixtures("worth")
+def test_the_best_checkpoint_is_that_of_the_best_evaluation_also_after_a_resume(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    robots = [load(name) for name in HOPPERS]
+    train(robots, run, config(*KEEP_BEST), validation=["hopper_4"], steps=60)
+    assert [path.name for path in sorted((run / "checkpoints").iterdir())][:2] == ["best", "latest"]
+    best, state = checkpoint.load_state(run, "best")
+    latest, _ = checkpoint.load_state(run)
+    assert state["steps"] == 40
+    assert state["evaluation"]["best"] == 3.0
+    assert run_folder.checkpoint_names(run) == [best.name, latest.name]
+    policy = Policy.load(run, checkpoint="best")
+    assert not torch.equal(*(next(each.actor.parameters()) for each in (policy, Policy.load(run))))
+    resume(run, steps=100)
+    assert checkpoint.load_state(run, "best")[1]["steps"] == 80
+    assert len(run_folder.checkpoint_names(run)) == 2
+    assert evaluate(run, [load("hopper_5")], episodes=1, checkpoint="best")[0].returns
+    with pytest.raises(CheckpointError, match=r"no checkpoint 'bset'; did you mean 'best'"):
+        Policy.load(run, checkpoint="bset")
+
+
+def test_the_best_checkpoint_is_never_lost_to_one_of_the_same_moment(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    robots = [load(name) for name in HOPPERS]
+    train(robots, run, config(*KEEP_BEST), validation=["hopper_4"], steps=20)
+    assert [checkpoint.load_state(run, which)[1]["steps"] for which in ("best", "latest")] == [20, 20]
+    assert [name.count("-again") for name in run_folder.checkpoint_names(run)] == [0, 1]
+
+
+def test_several_checkpoints_are_kept_and_only_the_newest_resumes(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    settings = config("trainer.keep=3", "trainer.checkpoint_seconds=0")
+    train([load("hopper")], run, settings, steps=40)
+    names = run_folder.checkpoint_names(run)
+    assert len(names) == 3
+    steps = [checkpoint.load_state(run, name)[1]["steps"] for name in names]
+    assert steps == sorted(steps)
+    assert steps[0] >= 36, "the newest"
+    assert checkpoint.load_state(run)[0].name == names[-1]
+    Policy.load(run, checkpoint=names[0])
+    assert resume(run, steps=60).steps == 60
+    assert len(run_folder.checkpoint_names(run)) == 3
+    with pytest.raises(CheckpointError, match="holds no best checkpoint"):
+        Policy.load(run, checkpoint="best")
+
+
+def test_nothing_is_best_without_validation_bodies(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"trainer\.keep=best needs validation robots .* held out choose nothing"):
+        train([load("hopper"), load("hopper_3")], tmp_path / "run", config(*KEEP_BEST), hold_out=["hopper_3"], steps=20)
+    assert not (tmp_path / "run").exists()
+    with pytest.raises(ConfigError, match="expected one of last, best, or a number of at least 1"):
+        config("trainer.keep=worst")
+    with pytest.raises(ConfigError, match="at least 1"):
+        config("trainer.keep=0")
