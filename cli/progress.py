@@ -67,6 +67,11 @@ class ProgressDisplay:
             self._next_line_s = progress.elapsed_s + LINE_INTERVAL_S
             self._console.print(f"{progress.fraction:4.0%}  {rates(progress)}; {returns(progress)}")
 
+    def say(self, sentence: str) -> None:
+        """Print a sentence of its own."""
+        if not self._quiet:
+            self._console.print(sentence)
+
     def _start_bar(self) -> None:
         from rich.live import Live
         from rich.progress import BarColumn, TaskProgressColumn, TextColumn

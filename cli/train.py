@@ -14,7 +14,7 @@ from . import common
 from .table import table
 
 if TYPE_CHECKING:
-    from morphkit_rl.training.progress import Progress, TrainSummary
+    from morphkit_rl.training.progress import TrainSummary
 
 EXAMPLES = (
     "morphkit train cheetah-family --run runs/first --hold-out cheetah-no-ffoot --steps 370000",
@@ -68,6 +68,9 @@ def train(
     encoder: common.EncoderOption = None,
     xacro_arg: common.XacroArgOption = None,
     trust_xacro: common.TrustXacroOption = False,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Refuse robots of which something has to be mended, as convert mends it.")
+    ] = False,
     device: Annotated[str | None, typer.Option(help="PyTorch device, such as cpu or cuda.", show_default="cpu")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress and no summary.")] = False,
@@ -91,6 +94,7 @@ def train(
             "--base": base,
             "--xacro-arg": xacro_arg,
             "--trust-xacro": trust_xacro,
+            "--strict": strict,
             "--device": device,
         }
         given = [option for option, value in fixed.items() if value]
@@ -108,17 +112,17 @@ def train(
 
     from .progress import ProgressDisplay
 
-    start: Callable[[Callable[[Progress], None]], TrainSummary]
+    start: Callable[[ProgressDisplay], TrainSummary]
     if resume:
 
-        def start(show: Callable[[Progress], None]) -> TrainSummary:
-            return trainer.resume(run, minutes=minutes, steps=steps, encoder=encoder, progress=show)
+        def start(display: ProgressDisplay) -> TrainSummary:
+            return trainer.resume(run, minutes=minutes, steps=steps, encoder=encoder, progress=display.update)
 
     else:
         config = load_config(preset or "default", settings)
         encoder = None if config.text.encoder == SHIPPED else config.text.encoder
 
-        def start(show: Callable[[Progress], None]) -> TrainSummary:
+        def start(display: ProgressDisplay) -> TrainSummary:
             return trainer.train(
                 bodies,
                 run,
@@ -131,7 +135,9 @@ def train(
                 minutes=minutes,
                 steps=steps,
                 device=device or "cpu",
-                progress=show,
+                strict=strict,
+                progress=display.update,
+                notice=display.say,
             )
 
     title = "resuming"
@@ -141,7 +147,7 @@ def train(
         if names:
             title += f", {what}: {', '.join(names)}"
     with ProgressDisplay(title, quiet=quiet) as display:
-        summary = start(display.update)
+        summary = start(display)
     _report(summary, robots, encoder, as_json=as_json, quiet=quiet)
 
 

@@ -45,6 +45,7 @@ class Simulation:
         limb_joints: Joint ids of every limb, in the order of its angle tokens; none for the root.
         base_joints: Joint ids of the root: a free joint; x slide, z slide and y hinge of a planar base; none if fixed.
         notes: One sentence for each thing that was added or left out.
+        mended: Those of `notes` that say what was changed of what the file says, as `convert` changes it.
     """
 
     description: Description
@@ -58,6 +59,7 @@ class Simulation:
     limb_joints: tuple[tuple[int, ...], ...]
     base_joints: tuple[int, ...]
     notes: tuple[str, ...]
+    mended: tuple[str, ...]
 
     @property
     def name(self) -> str:
@@ -111,7 +113,10 @@ def build_simulation(description: Description, *, base: Base | None = None) -> S
         )
     morphology = replace(morphology, base=own_base or base or morphology.base)
     limbs = _limb_names(root, morphology)
-    notes = [*dropped, *_complete(spec, root, morphology, own_base, description)]
+    moving = () if morphology.base == "fixed" else (root.name,)
+    settled = completion.settle_urdf(spec, description, moving=moving) if description.format == "urdf" else []
+    mended = (*dropped, *settled)
+    notes = [*mended, *_complete(spec, root, morphology, own_base, description)]
     completion.add_limb_sensors(spec, limbs)
     model = compile_spec(spec, description.file)
     tokens = token_spec(morphology)
@@ -142,6 +147,7 @@ def build_simulation(description: Description, *, base: Base | None = None) -> S
         limb_joints=((), *(_joints_of(model, body) for body in body_ids[1:])),
         base_joints=_base_joints(model, body_ids[0], morphology.base, description.file),
         notes=tuple(notes),
+        mended=mended,
     )
 
 
@@ -150,8 +156,6 @@ def _complete(
 ) -> list[str]:
     notes: list[str] = []
     base = morphology.base
-    if description.format == "urdf":
-        notes += completion.settle_urdf(spec, description, moving=() if base == "fixed" else (root.name,))
     has_floor = not completion.add_floor(spec, solid=base != "fixed")
     if base != "fixed" and (own_base is None or not has_floor):
         model = compile_spec(spec.copy(), description.file)

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from morphkit.description import Description
@@ -29,6 +30,7 @@ from morphkit_rl.runs import run_folder, schema
 from morphkit_rl.runs.run_folder import CONFIG, ROBOTS
 from morphkit_rl.text.encoder import TextEncoder
 
+_NOTHING: Mapping[str, Sequence[str]] = MappingProxyType({})
 PACKAGES = ("morphkit", "mujoco", "torch", "transformers", "numpy", "gymnasium")
 
 
@@ -106,8 +108,8 @@ def split(
     )
 
 
-def create(run: Path, settings: RunSettings) -> None:
-    """Make the run folder and write `config.json` and the robots' files.
+def create(run: Path, settings: RunSettings, mended: Mapping[str, Sequence[str]] = _NOTHING) -> None:
+    """Make the run folder and write `config.json` and the robots' files; `mended` is that of the session.
 
     With canonical naming, `config.json` holds the robots' canonical names, so that they stay whatever later rules say.
 
@@ -121,14 +123,14 @@ def create(run: Path, settings: RunSettings) -> None:
         robots, validation = (tuple(map(_with_names, part)) for part in (settings.robots, settings.validation))
         settings = replace(settings, robots=robots, validation=validation)
     versions = {name: metadata.version(name) for name in PACKAGES}
-    _write(run, settings, {"versions": versions, "git_commit": _git_commit()})
+    _write(run, settings, {"versions": versions, "git_commit": _git_commit(), "mended": dict(mended)})
 
 
 def with_budget(run: Path, settings: RunSettings, minutes: float | None, steps: int | None) -> RunSettings:
     """Give a run another budget, and write it down."""
     changed = replace(settings, minutes=minutes, steps=steps)
     saved = read(run)
-    _write(run, changed, {"versions": saved.get("versions"), "git_commit": saved.get("git_commit")})
+    _write(run, changed, {name: saved.get(name) for name in ("versions", "git_commit", "mended")})
     return changed
 
 

@@ -153,6 +153,7 @@ class Config(Part):
     threads: Annotated[int, Field(ge=1, le=1024)]
     versions: dict[str, str] | None = None
     git_commit: str | None = None
+    mended: dict[str, list[str]] | None = None
 
 
 class _Score(Part):

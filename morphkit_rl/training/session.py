@@ -14,6 +14,7 @@ from morphkit_rl.kernels import library
 from morphkit_rl.models.vocabulary import Vocabulary
 from morphkit_rl.runs import checkpoint, network_arrays, replay_segments, run_settings
 from morphkit_rl.training.collector import Collector, make_buffers
+from morphkit_rl.training.mended import mended
 from morphkit_rl.training.periodic_evaluation import Monitor
 from morphkit_rl.training.schedules import make_schedule
 
@@ -26,13 +27,17 @@ class Session:
 
     Args:
         settings: The run.
+        strict: Whether robots are refused of which something has to be mended.
+
+    Attributes:
+        mended: What was mended of each robot, by its name; nothing of robots that are sound.
 
     Raises:
-        ConfigError: A robot has no actuators, the method cannot express it, its replay does not fit into memory, or
-            there is no such device.
+        ConfigError: A robot has no actuators, the method cannot express it, its replay does not fit into memory, there
+            is no such device, or something has to be mended and `strict` is True.
     """
 
-    def __init__(self, settings: run_settings.RunSettings):
+    def __init__(self, settings: run_settings.RunSettings, *, strict: bool = False):
         config = settings.config
         self.settings = settings
         robots, validation = (
@@ -45,6 +50,7 @@ class Session:
                     f"{robot.name}: has no actuators, so there is nothing to learn; add motors or leave it out"
                 )
         check_device(settings.device)
+        self.mended = mended((*robots, *validation), strict=strict)
         # Before texts are encoded, which takes long for so large bodies.
         make_buffers([(len(robot.spec.sensors), len(robot.spec.actuators)) for robot in robots], config.trainer)
         library.prepare()  # Actions are random at first, so that nobody waits.

@@ -21,6 +21,7 @@ from morphkit_rl.runs import checkpoint, run_folder, run_settings
 from morphkit_rl.runs.lock import alone
 from morphkit_rl.runs.metrics_log import MetricsLog
 from morphkit_rl.runs.trusted_encoder import with_encoder
+from morphkit_rl.training.mended import said_once
 from morphkit_rl.training.progress import Clock, Mark, Progress, TrainSummary
 from morphkit_rl.training.session import Session, check_sizes
 
@@ -41,7 +42,9 @@ def train(
     minutes: float | None = None,
     steps: int | None = None,
     device: str = "cpu",
+    strict: bool = False,
     progress: Callable[[Progress], None] | None = None,
+    notice: Callable[[str], None] | None = None,
 ) -> TrainSummary:
     """Train one policy on several robots.
 
@@ -57,11 +60,13 @@ def train(
         minutes: Training time, over all resumptions; default 10 where neither `minutes` nor `steps` is given.
         steps: Environment steps over all robots.
         device: Torch device of the learner.
+        strict: Whether robots are refused of which something has to be mended.
         progress: Called about once a second.
+        notice: Called before training with a sentence for each thing that was mended; the run keeps them too.
 
     Raises:
-        ConfigError: A robot has no actuators or is one that the method cannot express, two have the same name, or the
-            budget makes no sense.
+        ConfigError: A robot has no actuators or is one that the method cannot express, two have the same name, the
+            budget makes no sense, or something has to be mended and `strict` is True.
         UnknownNameError: A name in `hold_out` or `validation` is none of the robots.
         OutputError: The run folder cannot be written or holds files.
         TrainingError: Losses or actions are no longer finite, or the simulation of a robot diverged in every episode.
@@ -81,8 +86,11 @@ def train(
         device=device,
         threads=torch.get_num_threads(),
     )
-    trainer = Trainer(settings)
-    run_settings.create(run, settings)
+    trainer = Trainer(settings, strict=strict)
+    run_settings.create(run, settings, trainer.session.mended)
+    if notice is not None:
+        for sentence in said_once(trainer.session.mended):
+            notice(sentence)
     with alone(run):
         return trainer.run(run, progress)
 
@@ -131,9 +139,9 @@ def resume(
 class Trainer:
     """Advances a session until its budget is used or Ctrl-C, and writes metrics and checkpoints meanwhile."""
 
-    def __init__(self, settings: run_settings.RunSettings):
+    def __init__(self, settings: run_settings.RunSettings, *, strict: bool = False):
         self.settings = settings
-        self.session = Session(settings)
+        self.session = Session(settings, strict=strict)
         self.clock = Clock()
         self._losses: dict[str, torch.Tensor] = {}
 
