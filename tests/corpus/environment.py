@@ -47,4 +47,5 @@ def steps(description: Description, base: Base) -> str:
     if not diverged:
         return ""
     known = "; ".join(note for note in robot.simulation.notes if "diverges" in note)
-    return f"diverges under random actions, {diverged} times in {STEPS} steps: {known or 'no reason is known'}"
+    often = f"diverges {diverged} times in {STEPS} steps of random actions"
+    return f"{description.file}: {often}; {known or 'no reason is known'}"

@@ -20,10 +20,13 @@ Outcome = dict[str, Any]
 HEAD = """# Robots of other people
 
 Written by `make corpus` (or joined from several of its runs by `python -m tests.corpus.report`), which runs every URDF,
-xacro and MJCF file of the packages below through `morphkit tokens`, every URDF through `morphkit convert`, and cuts
-every limb of every robot, one at a time and with all below it. A file gives tokens or a precise error; anything else is
-a failure. What `convert` refuses, `morphkit check` must refuse as well, with an error; a file that it passes counts as
-contradiction. A cut is held to three things:
+xacro and MJCF file of the packages below through `morphkit tokens` and every URDF through `morphkit convert`, steps the
+environment that `morphkit train` makes of every URDF with joints, and cuts every limb of every robot, one at a time and
+with all below it. A file gives tokens or a precise error; anything else is a failure. What `convert` refuses, `morphkit
+check` must refuse as well, with an error; a file that it passes counts as contradiction. An environment is stepped 1000
+times with random actions on the base that the file says, and on a free one where it says fixed; observations and
+rewards that are not finite are a failure, and an episode that ends because the simulation diverged is counted as what
+hinders it. A cut is held to three things:
 
 - The robot is the one that `MjSpec.delete` leaves: all arrays of the two compiled models within 1e-9, and the names of
   their elements. Cameras and lights that `MjSpec.delete` leaves turned toward a removed body are turned away from it
@@ -49,7 +52,7 @@ mesh's scale of four numbers).
 Of a URDF, meshes are compared geom by geom: MuJoCo's importer orders them by their first use. A robot's own materials
 are put before those of its links, as URDF has it; MuJoCo's importer alone would take the first of a name in the file.
 
-`-`: run with `--tokens-only`, neither converted nor cut.
+`-`: that part was not run (`--parts`).
 """
 
 
@@ -64,9 +67,14 @@ def report(outcomes: Iterable[Outcome]) -> str:
     parts = [
         HEAD,
         _table(
-            ("collection", "files", "robots with tokens", "errors", "failures", "URDFs converted", "refused",
-             "contradictions", "limbs cut", "compared with meshes", "compared mesh-free", "not compared", "different"),
+            ("collection", "files", "robots with tokens", "errors", "failures", "limbs cut",
+             "compared with meshes", "compared mesh-free", "not compared", "different"),
             [*rows, ("all", *_row("", everything)[1:5], *_row("", was_cut)[5:])],
+        ),
+        "",
+        _table(
+            ("collection", "URDFs converted", "refused", "contradictions", "environments stepped", "not, or diverged"),
+            [_urdf_row(name, found) for name, found in (*sorted(by_collection.items()), ("all", everything))],
         ),
         "\n## Failures, contradictions and differences\n",
         _bullets(_failures(everything)),
@@ -74,6 +82,8 @@ def report(outcomes: Iterable[Outcome]) -> str:
         _table(("count", "error", "for example"), _errors(everything)),
         "\n## What `convert` refuses\n",
         _table(("count", "error", "for example"), _refusals(everything)),
+        "\n## What hinders environments\n",
+        _table(("count", "reason", "for example"), _hindrances(everything)),
         "\n## Limbs that were not compared\n",
         _table(("count", "why", "for example"), _reasons(was_cut)),
     ]  # fmt: skip
@@ -108,11 +118,16 @@ def _row(name: str, found: list[Outcome]) -> tuple[str, ...]:
     different = sum(len(o.get("different", {})) for o in found)
     numbers = (files, results["tokens"], results["error"], results["failure"])
     if not _was_cut(found):
-        return (name, *map(str, numbers), *["-"] * 8)
+        return (name, *map(str, numbers), *["-"] * 5)
+    return (name, *map(str, (*numbers, cut, compared["meshes"], compared["mesh-free"], missed, different)))
+
+
+def _urdf_row(name: str, found: list[Outcome]) -> tuple[str, ...]:
     converted = Counter(o["converted"] for o in found if o.get("converted") is not None)
     contradictions = sum(bool(o.get("contradiction")) for o in found)
-    numbers += (converted[True], converted[False], contradictions)
-    return (name, *map(str, (*numbers, cut, compared["meshes"], compared["mesh-free"], missed, different)))
+    hindered = Counter(bool(reason) for o in found for reason in o.get("stepped", {}).values())
+    conversions = (converted[True], converted[False], contradictions) if converted else ["-"] * 3
+    return (name, *map(str, (*conversions, *((hindered[False], hindered[True]) if hindered else ["-"] * 2))))
 
 
 def _was_cut(found: list[Outcome]) -> bool:
@@ -133,6 +148,10 @@ def _errors(outcomes: list[Outcome]) -> list[tuple[str, ...]]:
 
 def _refusals(outcomes: list[Outcome]) -> list[tuple[str, ...]]:
     return _grouped((outcome["refused"], outcome) for outcome in outcomes if outcome.get("refused"))
+
+
+def _hindrances(outcomes: list[Outcome]) -> list[tuple[str, ...]]:
+    return _grouped((reason, o) for o in outcomes for reason in o.get("stepped", {}).values() if reason)
 
 
 def _grouped(said: Iterable[tuple[str, Outcome]]) -> list[tuple[str, ...]]:
