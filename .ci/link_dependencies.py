@@ -1,6 +1,6 @@
 """Give a new virtual environment what a wheel requires, and nothing else, by hard links from this environment.
 
-    python .ci/link_dependencies.py WHEEL ENVIRONMENT
+    python .ci/link_dependencies.py WHEEL ENVIRONMENT [EXTRA]...
 
 Installing PyTorch and the rest a second time takes minutes; `pip check` afterwards sees whether anything is missing.
 """
@@ -46,12 +46,12 @@ def link(dist: Distribution, site: Path) -> None:
 
 def main() -> None:
     """Link what the wheel requires."""
-    wheel, environment = map(Path, sys.argv[1:])
+    wheel, environment = map(Path, sys.argv[1:3])
     (site,) = (environment / "lib").glob("python3*/site-packages")
     with zipfile.ZipFile(wheel) as archive:
         (metadata,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
         about = PathDistribution(zipfile.Path(archive, metadata.removesuffix("METADATA")))
-        for dist in required(about, frozenset(), {}).values():
+        for dist in required(about, frozenset(sys.argv[3:]), {}).values():
             link(dist, site)
 
 

