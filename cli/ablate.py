@@ -142,7 +142,7 @@ def ablate(
         sys.stdout.write(f"{tally.text()}\nwritten: {folder}/ ({written})\n")
     for each in tally.failed:
         typer.echo(f"failed: {each.name}: {each.reason}", err=True)
-    problems = [*notes, *(_refused(manifest, jobs) if check and not notes else ())]
+    problems = [*notes, *(_refused(manifest, source, jobs) if check and not notes else ())]
     for problem in problems:
         common.complain(problem)
     if problems or tally.failed:
@@ -204,7 +204,7 @@ def _one(source: Description, variant: Variant, check: bool, notes: list[str]) -
     yield result
 
 
-def _refused(manifest: Path, jobs: int) -> Iterator[str]:
+def _refused(manifest: Path, source: Description, jobs: int) -> Iterator[str]:
     """What MuJoCo says of the written MJCF files that it cannot load where they lie, such as for want of a mesh."""
     from morphkit.families import build
     from morphkit.families.manifest import read_manifest
@@ -213,7 +213,7 @@ def _refused(manifest: Path, jobs: int) -> Iterator[str]:
     missing = any(loss.kind == "asset" for variant in family.variants for loss in variant.lost)
     if family.source_format == "mjcf" and (family.assets or family.references or missing):
         files = (manifest.parent / variant.file for variant in family.variants)
-        for path, reason in build.load_problems(files, jobs=jobs):
+        for path, reason in build.load_problems(files, source, jobs=jobs):
             yield f"{path} was written, but MuJoCo cannot load it: {reason}"
 
 

@@ -23,6 +23,7 @@ from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
 from morphkit.formats.assets import mentions
 from morphkit.formats.document import Document, document_of
+from morphkit.formats.isolation import compiling, isolated
 from morphkit.formats.mjcf_include import flattened
 from morphkit.formats.mjcf_names import name_elements
 from morphkit.formats.mjcf_schema import EXPANDERS, drop_file_settings
@@ -168,6 +169,11 @@ def _bones(root: Any, description: Description) -> Bones:
 
 
 def _write_out(description: Description) -> Document:
+    written = Document(isolated(_expanded, description, compiling(description)), file=description.file)
+    return _inner_paths(written, description)
+
+
+def _expanded(description: Description) -> bytes:
     spec = _parse_spec(description)
     if description.folder is not None:
         spec.modelfiledir = str(description.folder)
@@ -176,7 +182,7 @@ def _write_out(description: Description) -> Document:
     spec.compiler.savecanonical = False
     try:
         spec.compile()
-        return _inner_paths(Document(str(spec.to_xml()).encode(), file=description.file), description)
+        return str(spec.to_xml()).encode()
     except (ValueError, RuntimeError) as error:
         raise AssetError(
             f"{description.file}: {_MADE} can only be cut in MuJoCo's output, and MuJoCo cannot compile the file:"

@@ -14,7 +14,9 @@ from lxml import etree
 from morphkit.ablation.loss import Loss
 from morphkit.description import Description
 from morphkit.errors import AssetError
+from morphkit.formats import xml
 from morphkit.formats.edit import detach, detach_emptied
+from morphkit.formats.isolation import expanding, isolated
 from morphkit.formats.mjcf_attach import prepare_parse
 
 _MESH_TYPES = ("mesh", "hfield", "sdf")
@@ -45,15 +47,8 @@ class KeyframeLayout:
                 twin.set("name", twin.get("name") or f"unnamed {number}")
                 self._names[number] = kind, twin.get("name")
         _strip(skeleton)
-        try:
-            files = prepare_parse(etree.ElementTree(skeleton), description)
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # they are about the robot, not about its layout
-                self._model = mujoco.MjSpec.from_string(
-                    etree.tostring(skeleton, encoding="unicode"), include=files
-                ).compile()
-        except (ValueError, RuntimeError, AssetError):
-            self._model = None
+        source = etree.tostring(skeleton)
+        self._model = isolated(_compiled, description, expanding(description), skeleton=source)
 
     def number(self, root: Any) -> dict[int, int]:
         """id() of every element below `root`, a tree of which nothing was cut yet -> its number."""
@@ -124,6 +119,18 @@ class KeyframeLayout:
             gone["qpos"] |= _span(model.jnt_qposadr[joint], nq)
             gone["qvel"] |= _span(model.jnt_dofadr[joint], nv)
             gone["plastic"] |= _plastic(model, "jnt_plasticadr", joint)
+
+
+def _compiled(description: Description, *, skeleton: bytes) -> mujoco.MjModel | None:
+    """The model of what is left of a description; None where MuJoCo cannot compile it."""
+    try:
+        tree = xml.parse(skeleton, file=description.file)
+        files = prepare_parse(tree, description)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # they are about the robot, not about its layout
+            return mujoco.MjSpec.from_string(etree.tostring(tree, encoding="unicode"), include=files).compile()
+    except (ValueError, RuntimeError, AssetError):
+        return None
 
 
 def _drop(keys: Iterable[Any], reason: str) -> Iterator[Loss]:

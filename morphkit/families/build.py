@@ -11,6 +11,7 @@ from morphkit.ablation.ablate import Cutter, Variant
 from morphkit.description import Description, RobotInfo
 from morphkit.errors import DescriptionError
 from morphkit.families.enumeration import Planned
+from morphkit.formats.isolation import working
 from morphkit.utils import worker_pool
 
 
@@ -63,7 +64,7 @@ def make(
     """
     setup = partial(_cutting, _plain(cutter.description), compiled, drop_assets)
     pending = _Passing(planned)
-    for plan, made in worker_pool.run(setup, pending.to_make(), jobs=jobs):
+    for plan, made in worker_pool.run(setup, pending.to_make(), jobs=jobs, limits=working(cutter.description)):
         yield from pending.left_out(plan)
         if isinstance(made, worker_pool.Failure):
             yield FailedVariant(plan.name, plan.remove, plan.splice, made.reason)
@@ -85,13 +86,13 @@ def compile_problem(description: Description) -> str:
 
     Where the source of variants has such a problem, say a mesh that is missing, its variants cannot be held to it.
     """
-    ((_, result),) = worker_pool.run(_compiling, [_plain(description)])
+    ((_, result),) = worker_pool.run(_compiling, [_plain(description)], limits=working(description))
     return result.reason if isinstance(result, worker_pool.Failure) else ""
 
 
-def load_problems(files: Iterable[Path], *, jobs: int = 1) -> Iterator[tuple[Path, str]]:
-    """Yield each MJCF file on disk that MuJoCo alone cannot load, and why, or how it crashed doing so."""
-    for path, result in worker_pool.run(_loading, files, jobs=jobs):
+def load_problems(files: Iterable[Path], source: Description, *, jobs: int = 1) -> Iterator[tuple[Path, str]]:
+    """Yield each written variant of `source` that MuJoCo alone cannot load, and why, or how it crashed doing so."""
+    for path, result in worker_pool.run(_loading, files, jobs=jobs, limits=working(source)):
         if isinstance(result, worker_pool.Failure):
             yield path, result.reason
 

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from morphkit.errors import DescriptionError
+from morphkit.formats.budgets import check_numbers, integers
 
 ELEMENTS = 1_000_000
 """Tags and comments of a file."""
@@ -24,24 +25,12 @@ CHAIN = 250
 MESH_BYTES = 512 * 2**20
 """Of a mesh file, unpacked; those of real robots have some megabytes."""
 NAME_LENGTH = 1000
-NUMBERS = 2**26
-"""Numbers that one attribute may make MuJoCo allocate: pixels, heights, user data."""
 READINGS = 10_000
 """Readings of one declared sensor; one with more is taken for an image."""
 
 _NAMES = ("name", "link", "joint", "body", "class", "childclass", "mesh", "prefix")
 _LISTS = {"flex": ("body", "node"), "flexcomp": ("body", "node")}
 """Attributes of names of bodies, of which a piece of cloth has hundreds; the limit holds for each name."""
-_COUNTS: Mapping[str, tuple[tuple[str, ...], ...]] = {
-    "hfield": (("nrow", "ncol"),),
-    "texture": (("width", "height"),),
-    "numeric": (("size",),),
-    "user": (("dim",),),
-    "camera": (("resolution",),),
-    "contact": (("num",),),
-    "size": tuple((key,) for key in ("nuserdata", "nkey", "njmax", "nconmax", "nstack")),
-}
-_NUSER = "nuser_"
 _FEW_NODES = ("trilinear", "quadratic")
 _GMSH_NODES = re.compile(rb"\$Nodes\s+(\d[\d ]{,100})")
 
@@ -114,17 +103,7 @@ def check_mjcf(root: Any, *, file: str) -> None:
                 raise DescriptionError(
                     f'{file}:{element.sourceline}: {key}="{value}" in <{element.tag}>: NaN is no number'
                 )
-    for element in root.iter(*_COUNTS):
-        keys = _COUNTS[element.tag]
-        if element.tag == "size":
-            keys = (*keys, *((key,) for key in element.attrib if key.startswith(_NUSER)))
-        for group in keys:
-            numbers = [number for key in group for number in _integers(element.get(key))]
-            if math.prod(numbers) > NUMBERS or any(abs(number) > 2**31 - 1 for number in numbers):
-                shown = " ".join(f'{key}="{element.get(key)}"' for key in group)
-                raise DescriptionError(
-                    f"{file}:{element.sourceline}: <{element.tag} {shown}> asks for more than {NUMBERS:,} numbers"
-                )
+    check_numbers(root, file=file)
 
 
 def check_flexcomp(flexcomp: Any, content: bytes, path: Path, *, where: str) -> None:
@@ -171,7 +150,7 @@ def _made(root: Any) -> int:
     """How many bodies the tree makes; `replicate` multiplies, `composite` and `flexcomp` make one a point at most."""
     total = 0
     for element in root.iter("body", "composite", "flexcomp"):
-        own = 1 if element.tag == "body" else math.prod(_integers(element.get("count")))
+        own = 1 if element.tag == "body" else math.prod(integers(element.get("count")))
         total += own * math.prod(_replicas(element.iterancestors("replicate")))
         if total > BODIES:
             break
@@ -180,17 +159,4 @@ def _made(root: Any) -> int:
 
 def _replicas(elements: Iterable[Any]) -> Iterator[int]:
     for element in elements:
-        yield max([1, *_integers(element.get("count"))])
-
-
-def _integers(text: str | None) -> list[int]:
-    """The numbers of an attribute, each at least 1 and at most 10^18; what is none is MuJoCo's to complain about."""
-    numbers = []
-    for word in (text or "").split():
-        try:
-            value = float(word)
-        except ValueError:
-            continue
-        if math.isfinite(value):
-            numbers.append(int(min(max(abs(value), 1.0), 1e18)))
-    return numbers
+        yield max([1, *integers(element.get("count"))])

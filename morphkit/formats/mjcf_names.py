@@ -42,14 +42,14 @@ def name_elements(spec: mujoco.MjSpec) -> None:
         for (body, _), name in zip(bodies, body_names(list(_rows(bodies))), strict=True):
             if not body.name:
                 body.name = name
-    _fill(spec.joints, lambda joint: f"{joint.parent.name}_joint")
+    _fill(_joints(spec), lambda joint: f"{joint.parent.name}_joint")
     _fill(spec.actuators, lambda actuator: actuator.target or "actuator")
     _fill(spec.sensors, lambda sensor: "_".join(part for part in (sensor_kind(sensor), sensor.objname) if part))
 
 
 def name_with_origins(spec: mujoco.MjSpec, places: Places) -> tuple[Origin, ...]:
     """Do what `name_elements` does, and say where each body, joint, actuator and sensor comes from."""
-    kinds = {"body": spec.bodies[1:], "joint": spec.joints, "actuator": spec.actuators, "sensor": spec.sensors}
+    kinds = {"body": spec.bodies[1:], "joint": _joints(spec), "actuator": spec.actuators, "sensor": spec.sensors}
     found = {kind: [places.find(element, kind) for element in elements] for kind, elements in kinds.items()}
     name_elements(spec)
     return tuple(
@@ -73,6 +73,11 @@ def _bodies(spec: mujoco.MjSpec) -> Iterator[tuple[Any, int | None]]:
         yield body, parent
         pending += [(child, count) for child in reversed(body.bodies)]
         count += 1
+
+
+def _joints(spec: mujoco.MjSpec) -> list[Any]:
+    """All joints in MuJoCo's order; `spec.joints` takes time with the square of their number."""
+    return [joint for body in spec.bodies for joint in body.joints]
 
 
 def _rows(bodies: Iterable[tuple[Any, int | None]]) -> Iterator[Row]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from morphkit.description import Description
+from morphkit.formats.isolation import expanding, isolated
 from morphkit.morphology import Morphology
 
 
@@ -19,6 +20,6 @@ def read(description: Description) -> Morphology:
             from morphkit.readers.urdf import read_urdf as read_format
         else:
             from morphkit.readers.mjcf import read_mjcf as read_format
-        description.keep(morphology=read_format(description))
+        description.keep(morphology=isolated(read_format, description, expanding(description)))
     assert description.morphology is not None
     return description.morphology

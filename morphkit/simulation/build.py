@@ -11,6 +11,7 @@ import numpy as np
 
 from morphkit.description import Description
 from morphkit.errors import ConfigError, DescriptionError
+from morphkit.formats.isolation import compiling, isolated
 from morphkit.morphology import Base, Morphology
 from morphkit.readers import read
 from morphkit.readers.mjcf import subtree
@@ -79,14 +80,18 @@ def compile_plain(description: Description) -> mujoco.MjModel:
         DescriptionError: MuJoCo cannot read or compile it.
         AssetError: A mesh that is needed is missing.
     """
-    spec, _ = load_spec(description)
+    return isolated(_compile_plain, description, compiling(description))
+
+
+def _compile_plain(description: Description) -> mujoco.MjModel:
+    spec, _ = load_spec(description, drawn=False)
     if description.format == "urdf":
         list(settle_masses(spec, description.file))
         list(settle_meshes(spec, description.file))
     return compile_spec(spec, description.file)
 
 
-def build_simulation(description: Description, *, base: Base | None = None) -> Simulation:
+def build_simulation(description: Description, *, base: Base | None = None, drawn: bool = True) -> Simulation:
     """Compile a description together with what it lacks to be simulated.
 
     Added where missing: a floor (`morphkit_floor`), base joints, motors within the effort limits (URDF); always, and
@@ -96,14 +101,21 @@ def build_simulation(description: Description, *, base: Base | None = None) -> S
     Args:
         description: The robot.
         base: How to attach a root that has no joint of its own; None takes what the description says.
+        drawn: Whether the model is drawn. Else no image of a texture is read, and textures are flat.
 
     Raises:
         DescriptionError: MuJoCo cannot read, compile or step it, or it has more control inputs than actuator tokens.
         AssetError: A mesh that the simulation needs is missing.
         ConfigError: `base` contradicts the root's own joints.
     """
+    read(description)
+    made = isolated(_build, description, compiling(description), base=base, drawn=drawn)
+    return made if made.description is description else replace(made, description=description)
+
+
+def _build(description: Description, *, base: Base | None, drawn: bool) -> Simulation:
     morphology = read(description)
-    spec, dropped = load_spec(description, only=morphology)
+    spec, dropped = load_spec(description, only=morphology, drawn=drawn)
     root = _find_root(spec, morphology)
     own_base = morphology.base if list(root.joints) else None
     if own_base is not None and base is not None and base != own_base:

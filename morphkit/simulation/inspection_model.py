@@ -18,6 +18,7 @@ import numpy as np
 from morphkit.description import Description
 from morphkit.errors import DescriptionError
 from morphkit.formats.document import Document, document_of
+from morphkit.formats.isolation import compiling, isolated
 from morphkit.morphology import Joint, JointKind, Morphology
 from morphkit.readers import read
 from morphkit.readers.urdf import drive_limits
@@ -83,12 +84,18 @@ def load_mechanics(description: Description, *, shapes: bool = True) -> Mechanic
             or a place is infinite.
         AssetError: An included file is missing.
     """
+    read(description)
+    made = isolated(_load, description, compiling(description), shapes=shapes)
+    return made if made.description is description else replace(made, description=description)
+
+
+def _load(description: Description, *, shapes: bool) -> Mechanics:
     morphology = read(description)
     incomplete: set[str] = set()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # MuJoCo's advice on the file is for those who simulate it.
         source = description if shapes or description.format == "mjcf" else _without_shapes(description)
-        spec, dropped = load_spec(source, incomplete=incomplete)
+        spec, dropped = load_spec(source, incomplete=incomplete, drawn=shapes)
         notes = list(dropped)
         limb_of = {member: limb.name for limb in morphology.limbs for member in limb.members}
         root = spec.body(morphology.root.name)

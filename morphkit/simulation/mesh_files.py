@@ -9,6 +9,7 @@ import math
 import re
 import zipfile
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ import numpy as np
 
 from morphkit.errors import AssetError
 from morphkit.formats.limits import MESH_BYTES
+from morphkit.utils.isolation import run_isolated
+from morphkit.utils.process_limits import Limits
 
 MAX_STL_FACES = 200_000
 """MuJoCo refuses STL files with more."""
@@ -41,6 +44,17 @@ def read_for_mujoco(path: Path) -> tuple[str, bytes]:
     content = path.read_bytes() if suffix != ".stl" else _without_rest(path.read_bytes())
     if suffix in (".obj", ".msh") or (suffix == ".stl" and _is_plain_stl(content)):
         return path.name, content
+    import trimesh  # noqa: F401 - here, so that not every process has to import it
+
+    size = path.stat().st_size
+    return run_isolated(
+        partial(_converted, path),
+        Limits.for_meshes(size, size),
+        problem=lambda reason: AssetError(f"{path}: cannot be read as a mesh: {reason}"),
+    )
+
+
+def _converted(path: Path) -> tuple[str, bytes]:
     mesh = load_mesh(path)
     kind = "stl" if len(mesh.faces) <= MAX_STL_FACES else "obj"
     with _reading(path):
@@ -116,6 +130,8 @@ def _reading(path: Path) -> Iterator[None]:
     log.setLevel(logging.CRITICAL + 1)  # its modules' own loggers follow
     try:
         yield
+    except MemoryError:  # which whoever set the limit has better words for
+        raise
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise AssetError(f"{path}: cannot be read as a mesh: {reason}") from error

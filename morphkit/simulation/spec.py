@@ -21,12 +21,17 @@ from morphkit.formats.mjcf_names import name_elements
 from morphkit.formats.resolve import locate
 from morphkit.morphology import Morphology
 from morphkit.readers.urdf_normalize import normalize
+from morphkit.simulation.image_files import ImageReader
 from morphkit.simulation.mesh_files import read_for_mujoco
 from morphkit.simulation.urdf_repair import leave_out_strays, mend
 
 
 def load_spec(
-    description: Description, *, incomplete: set[str] | None = None, only: Morphology | None = None
+    description: Description,
+    *,
+    incomplete: set[str] | None = None,
+    only: Morphology | None = None,
+    drawn: bool = True,
 ) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
     """Parse a description into an MjSpec that compiles without touching the file system again.
 
@@ -38,6 +43,7 @@ def load_spec(
         incomplete: For a model that is only looked at: a set, to which the names of bodies are added that lose a shape.
             Every mesh and height field that cannot be found is dropped then, even one that matters.
         only: The robot, where links of a URDF that are no part of it are to be left out.
+        drawn: Whether the model is drawn. Else no image of a texture is read.
 
     Returns:
         The spec, its bodies, joints and actuators all named as the reader names them; and one sentence for each thing
@@ -45,8 +51,9 @@ def load_spec(
 
     Raises:
         DescriptionError: MuJoCo cannot parse the file, or as `normalize`.
-        AssetError: A mesh, height field or included file that the simulation needs is missing.
+        AssetError: A mesh, height field or included file that the simulation needs is missing or too large.
     """
+    images = ImageReader()
     document = document_of(description)
     references: dict[str, str] = {}
     models: dict[str, bytes] = {}
@@ -70,9 +77,9 @@ def load_spec(
     notes = [
         *mended,
         *_resolve_meshes(spec, description, references, incomplete),
-        *_resolve_fields(spec, description, incomplete),
+        *_resolve_fields(spec, description, incomplete, images),
         *_resolve_skins(spec, description),
-        *_resolve_images(spec, description),
+        *(_resolve_images(spec, description, images) if drawn else _without_images(spec)),
     ]
     return spec, tuple(notes)
 
@@ -134,11 +141,14 @@ def _resolve_meshes(
     return notes
 
 
-def _resolve_fields(spec: mujoco.MjSpec, description: Description, incomplete: set[str] | None) -> list[str]:
+def _resolve_fields(
+    spec: mujoco.MjSpec, description: Description, incomplete: set[str] | None, images: ImageReader
+) -> list[str]:
     notes = []
     for field in [field for field in spec.hfields if field.file]:
         try:
             path = locate(field.file, description)
+            content = images.read(path)
         except AssetError as error:
             if incomplete is None:
                 raise
@@ -146,7 +156,7 @@ def _resolve_fields(spec: mujoco.MjSpec, description: Description, incomplete: s
             drop_shape(spec, field, [geom for geom in spec.geoms if geom.hfieldname == field.name], incomplete)
             continue
         field.file = f"{len(spec.assets)}_{path.name}"
-        spec.assets = {**spec.assets, field.file: path.read_bytes()}
+        spec.assets = {**spec.assets, field.file: content}
     return notes
 
 
@@ -174,28 +184,39 @@ def drop_shape(spec: mujoco.MjSpec, asset: Any, users: Sequence[Any], incomplete
     spec.delete(asset)
 
 
-def _resolve_images(spec: mujoco.MjSpec, description: Description) -> list[str]:
-    """Textures never matter to the simulation: one that cannot be found becomes a flat color."""
+def _resolve_images(spec: mujoco.MjSpec, description: Description, images: ImageReader) -> list[str]:
+    """Textures never matter to the simulation: one that cannot be found, or is too large, becomes a flat color."""
     notes = []
     for texture in spec.textures:
         files = [file for file in (texture.file, *texture.cubefiles) if file]
         if not files or texture.builtin != mujoco.mjtBuiltin.mjBUILTIN_NONE:
             continue
         try:
-            paths = [locate(file, description) for file in files]
+            paths = {file: locate(file, description) for file in files}
+            contents = {path: images.read(path) for path in dict.fromkeys(paths.values())}
         except AssetError as error:
             notes.append(f"texture {texture.name or files[0]!r} was left out: {error}")
-            texture.file, texture.cubefiles = "", [""] * len(texture.cubefiles)
-            texture.builtin, texture.width, texture.height = mujoco.mjtBuiltin.mjBUILTIN_FLAT, 8, 8
+            _flatten(texture)
             continue
         renamed = {}
-        for file, path in zip(files, paths, strict=True):
+        for file, path in paths.items():
             renamed[file] = f"{len(spec.assets)}_{path.name}"
-            spec.assets = {**spec.assets, renamed[file]: path.read_bytes()}
+            spec.assets = {**spec.assets, renamed[file]: contents[path]}
         if texture.file:
             texture.file = renamed[texture.file]
         texture.cubefiles = [renamed.get(file, "") for file in texture.cubefiles]
     return notes
+
+
+def _without_images(spec: mujoco.MjSpec) -> list[str]:
+    for texture in spec.textures:
+        _flatten(texture)
+    return []
+
+
+def _flatten(texture: Any) -> None:
+    texture.file, texture.cubefiles = "", [""] * len(texture.cubefiles)
+    texture.builtin, texture.width, texture.height = mujoco.mjtBuiltin.mjBUILTIN_FLAT, 8, 8
 
 
 def _is_decoration(geom: Any) -> bool:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from morphkit.errors import MorphkitError
+from morphkit.utils.process_limits import ADVICE, Limits, is_want_of_memory
 
 TIMEOUT_S = 300.0
 _AHEAD = 4
@@ -42,7 +43,12 @@ class _Worker(Generic[T]):
 
 
 def run(
-    setup: Callable[[], Callable[[T], R]], tasks: Iterable[T], *, jobs: int = 1, timeout_s: float = TIMEOUT_S
+    setup: Callable[[], Callable[[T], R]],
+    tasks: Iterable[T],
+    *,
+    jobs: int = 1,
+    timeout_s: float = TIMEOUT_S,
+    limits: Limits | None = None,
 ) -> Iterator[tuple[T, R | Failure]]:
     """Do tasks in `jobs` processes and yield each with its result, in the order of `tasks` whatever `jobs` is.
 
@@ -55,12 +61,13 @@ def run(
         tasks: The tasks.
         jobs: Number of processes.
         timeout_s: Longest time that a task may take, s.
+        limits: Memory of a process, and processor time of each of its tasks; None for no limits.
 
     Yields:
         Task and result, or a `Failure`: it raised a `MorphkitError` or another exception, its process died, or it took
         too long. Such a process is replaced.
     """
-    pool = _Pool(setup, jobs, timeout_s)
+    pool = _Pool(setup, jobs, timeout_s, limits)
     done: dict[int, R | Failure] = {}
     order: deque[tuple[int, T]] = deque()
     numbered = enumerate(tasks)
@@ -82,8 +89,10 @@ def run(
 
 
 class _Pool(Generic[T, R]):
-    def __init__(self, setup: Callable[[], Callable[[T], R]], jobs: int, timeout_s: float) -> None:
-        self._setup, self._jobs, self._timeout_s = setup, jobs, timeout_s
+    def __init__(
+        self, setup: Callable[[], Callable[[T], R]], jobs: int, timeout_s: float, limits: Limits | None
+    ) -> None:
+        self._setup, self._jobs, self._timeout_s, self._limits = setup, jobs, timeout_s, limits
         self._context = _context()
         self._workers: list[_Worker[T]] = []
         self.waiting: deque[tuple[int, T]] = deque()
@@ -125,7 +134,7 @@ class _Pool(Generic[T, R]):
         inherited = [ours, *(worker.connection for worker in self._workers)]
         forked = self._context.get_start_method() == "fork"
         process = self._context.Process(  # type: ignore[attr-defined]
-            target=_serve, args=(theirs, inherited if forked else [], self._setup), daemon=True
+            target=_serve, args=(theirs, inherited if forked else [], self._setup, self._limits), daemon=True
         )
         process.start()
         theirs.close()
@@ -142,9 +151,13 @@ class _Pool(Generic[T, R]):
         worker.process.join()
         code = worker.process.exitcode
         self._end(worker)
-        if code is not None and code < 0:
-            return f"the simulator crashed ({signal.Signals(-code).name})"
-        return f"the simulator ended the process (exit code {code})"
+        if self._limits is not None and code == -signal.SIGXCPU:
+            return f"it took more than {self._limits.seconds:.0f} s of processor time; {ADVICE}"
+        how = f"exit code {code}" if code is None or code >= 0 else signal.Signals(-code).name
+        said = f"the simulator {'crashed' if code is not None and code < 0 else 'ended the process'} ({how})"
+        if self._limits is None:
+            return said
+        return f"{said}, perhaps because it needs more than {self._limits.memory / 2**30:.1f} GiB of memory; {ADVICE}"
 
     def _end(self, worker: _Worker[T]) -> None:
         worker.process.kill()
@@ -159,7 +172,12 @@ def _context() -> BaseContext:
     return multiprocessing.get_context("fork" if alone else "spawn")
 
 
-def _serve(connection: Connection, inherited: list[Connection], setup: Callable[[], Callable[[T], R]]) -> None:
+def _serve(
+    connection: Connection,
+    inherited: list[Connection],
+    setup: Callable[[], Callable[[T], R]],
+    limits: Limits | None,
+) -> None:
     """The life of a worker: until the other end of its connection is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -170,19 +188,25 @@ def _serve(connection: Connection, inherited: list[Connection], setup: Callable[
     os.dup2(nowhere.fileno(), 1)  # what the simulator's C code prints
     os.dup2(nowhere.fileno(), 2)
     sys.stdout = sys.stderr = nowhere
+    if limits is not None:
+        limits.bound_memory()
     handle = setup()
     while True:
         try:
             task = connection.recv()
         except EOFError:
             return
-        connection.send(_attempt(handle, task))
+        if limits is not None:
+            limits.bound_next_task()
+        connection.send(_attempt(handle, task, limits))
 
 
-def _attempt(handle: Callable[[T], R], task: T) -> R | Failure:
+def _attempt(handle: Callable[[T], R], task: T, limits: Limits | None) -> R | Failure:
     try:
         return handle(task)
-    except MorphkitError as error:
-        return Failure(" ".join(str(error).split()))
     except Exception as error:  # whatever it is, it concerns this task only
+        if limits is not None and is_want_of_memory(error):
+            return Failure(f"it needs more than {limits.memory / 2**30:.1f} GiB of memory; {ADVICE}")
+        if isinstance(error, MorphkitError):
+            return Failure(" ".join(str(error).split()))
         return Failure(f"{type(error).__name__}: {' '.join(str(error).split())}")

@@ -56,7 +56,7 @@ def examine(
             return {"refused": _refusal(error)}
         plain = None
     try:
-        spec, _ = load_spec(description)
+        spec, _ = load_spec(description, drawn=False)
     except (DescriptionError, ValueError) as error:
         return {"refused": _refusal(error)}
     except AssetError:

@@ -8,24 +8,24 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from morphkit.formats.isolation import limits_of
 from morphkit.formats.limits import MESH_BYTES
+from morphkit.utils.process_limits import BYTES_A_SECOND, Limits
 from morphkit.validation.meshes import MeshFacts
 
 LIMIT_S = 120
-BYTES_A_SECOND = 2**20
-"""What a child reads of meshes at least, on a busy machine; it gets that much longer for them."""
-LIMIT_BYTES = 32 * MESH_BYTES
-"""Memory of a child: what the largest mesh that is read takes, with its hull."""
+"""How long a child may take, s, on a busy machine, besides what its meshes take."""
 
 
 @dataclass
@@ -61,7 +61,8 @@ def probe(
     tasks = [*wanted, *(["MuJoCo"] if model is not None or robot is not None else [])]
     if not tasks:
         return answer
-    request = json.dumps({"meshes": wanted, "model": model, "robot": robot}).encode()
+    limits = limits_of(meshes)
+    request = json.dumps({"meshes": wanted, "model": model, "robot": robot, "limits": asdict(limits)}).encode()
     command = [sys.executable, "-m", "morphkit.validation.sandbox"]
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     reason, seconds = "", seconds_for(meshes)
@@ -72,7 +73,9 @@ def probe(
                 command, input=request, capture_output=True, timeout=seconds, env=environment, cwd=empty, check=False
             )
         output = done.stdout
-        if done.returncode < 0:
+        if done.returncode == -getattr(signal, "SIGXCPU", 0):
+            reason = f"it took more than {limits.seconds:.0f} s of processor time"
+        elif done.returncode < 0:
             reason = f"signal {-done.returncode}"
         elif done.returncode:
             reason = (done.stderr.decode(errors="replace").strip().splitlines() or ["no message"])[-1][:200]
@@ -132,6 +135,8 @@ def _answers(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
     for path in request["meshes"]:
         try:
             facts = _measure(Path(path))
+        except MemoryError:
+            facts = {"problem": "it needs more memory than its size allows"}
         except Exception as error:  # whatever the reader of the format raises
             facts = {"problem": " ".join(str(error).split())[:200] or type(error).__name__}
         yield {"mesh": path, **facts}
@@ -147,14 +152,14 @@ def _answers(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
 
 def main() -> None:
     """Answer the request on stdin, a line each."""
-    if os.name == "posix":
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_AS, (LIMIT_BYTES, LIMIT_BYTES))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    request = json.load(sys.stdin)
+    limits = Limits(**request["limits"])
+    limits.bound_memory()
     out = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what libraries print goes to stderr
-    for answer in _answers(json.load(sys.stdin)):
+    limits.bound_next_task()
+    for answer in _answers(request):
+        limits.bound_next_task()
         out.write(json.dumps(answer) + "\n")
         out.flush()
 

@@ -37,6 +37,7 @@ def prepare(
     sensors: Sequence[str] = (),
     limb_names: LimbNames = "body",
     text_style: TextStyle = "words",
+    drawn: bool = True,
 ) -> Robot:
     """Compile a robot, name what it senses and accepts, and choose its task.
 
@@ -48,11 +49,12 @@ def prepare(
         sensors: Quantities that are observed, such as `position`, or `no_ltv`: all but `type`; default: all.
         limb_names: Whether limbs are called by their body or by their joint.
         text_style: Whether texts are words or the names with their underscores.
+        drawn: Whether its model is drawn; see `build_simulation`.
 
     Raises:
         UnknownNameError: There is no such task or quantity.
     """
-    simulation = build_simulation(description, base=base)
+    simulation = build_simulation(description, base=base, drawn=drawn)
     spec = token_spec(
         simulation.morphology,
         naming=naming,

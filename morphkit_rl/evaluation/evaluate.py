@@ -110,7 +110,7 @@ def record(
         The simulation, qpos (steps + 1, nq) of the episode, and its steps a second.
     """
     policy = Policy.load(run, encoder=encoder, checkpoint=checkpoint)
-    (robot,) = _prepare(run, policy, [description], task, base)
+    (robot,) = _prepare(run, policy, [description], task, base, drawn=True)
     env = _single(policy, robot, 1, seed)
     obs = env.reset()[0]
     poses = [env.state(0)[0][0].copy()]
@@ -156,12 +156,20 @@ def _evaluate_one(policy: Policy, robot: Robot, episodes: int, seed: int) -> Rob
 
 
 def _prepare(
-    run: str | Path, policy: Policy, descriptions: Sequence[Description], task: str | None, base: Base | None
+    run: str | Path,
+    policy: Policy,
+    descriptions: Sequence[Description],
+    task: str | None,
+    base: Base | None,
+    drawn: bool = False,
 ) -> list[Robot]:
     saved = run_settings.read(Path(run))
     task, base = task or saved.get("task"), base or saved.get("base")
     named = [run_settings.with_names_of(saved, description) for description in descriptions]
-    robots = [run_settings.prepare_robot(policy.config, description, task=task, base=base) for description in named]
+    robots = [
+        run_settings.prepare_robot(policy.config, description, task=task, base=base, drawn=drawn)
+        for description in named
+    ]
     for robot in robots:
         if not robot.spec.actuators:
             raise ConfigError(f"{robot.name}: has no actuators, so there is nothing to control")

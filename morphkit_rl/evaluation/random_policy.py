@@ -41,7 +41,7 @@ def random_returns(
     if episodes < 1:
         raise ConfigError(f"episodes is {episodes}; expected at least 1")
     for description in descriptions:
-        robot = prepare(description, task=task, base=base)
+        robot = prepare(description, task=task, base=base, drawn=False)
         env = BatchEnv([robot.simulation], [robot.task], episodes, seed=seed)
         (returns,), (lengths,), _ = play(env, random_controller(env, seed))
         env.close()

@@ -192,9 +192,17 @@ def load(run: Path) -> RunSettings:
 
 
 def prepare_robot(
-    config: TrainConfig, description: Description, *, task: str | None = None, base: Base | None = None
+    config: TrainConfig,
+    description: Description,
+    *,
+    task: str | None = None,
+    base: Base | None = None,
+    drawn: bool = False,
 ) -> Robot:
-    """A robot with the tokens that `config` asks for; `task` and `base` default to the robot's own."""
+    """A robot with the tokens that `config` asks for; `task` and `base` default to the robot's own.
+
+    Its textures are read only where it is `drawn`.
+    """
     return prepare(
         description,
         config.text.naming,
@@ -203,6 +211,7 @@ def prepare_robot(
         sensors=config.trainer.sensors,
         limb_names=config.text.limb_names,
         text_style=config.text.style,
+        drawn=drawn,
     )
 
 
