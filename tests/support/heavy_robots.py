@@ -33,9 +33,7 @@ def png(width: int, height: int, *, rows: int = 0) -> bytes:
 
 def doubling_dae(times: int) -> str:
     """A COLLADA file of one tetrahedron that is shown 2^times times."""
-    doubled = "".join(
-        f'<node id="n{i}">' + 2 * f'<instance_node url="#n{i + 1}"/>' + "</node>" for i in range(times)
-    )
+    doubled = "".join(f'<node id="n{i}">' + 2 * f'<instance_node url="#n{i + 1}"/>' + "</node>" for i in range(times))
     params = "".join(f'<param name="{axis}" type="float"/>' for axis in "XYZ")
     return (
         '<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset><unit meter="1"/></asset>'
@@ -64,9 +62,7 @@ def urdf_with_mesh(mesh: str) -> str:
 def write_all(folder: Path) -> list[Path]:
     """Write each robot into a folder of its own; the robots' files."""
     fields = "".join(f'<hfield name="h{i}" nrow="8000" ncol="8000" size="1 1 1 1"/>' for i in range(16))
-    textures = "".join(
-        f'<texture name="t{i}" type="2d" builtin="flat" width="8000" height="8000"/>' for i in range(24)
-    )
+    textures = "".join(f'<texture name="t{i}" type="2d" builtin="flat" width="8000" height="8000"/>' for i in range(24))
     picture = '<texture name="t" type="2d" file="large.png"/><material name="m" texture="t"/>'
     grid = '<flexcomp name="f" type="grid" count="27 27 27" spacing=".05 .05 .05" dim="3" radius=".01"/>'
     texts = {
