@@ -6,7 +6,7 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -45,6 +45,11 @@ EncoderOption = Annotated[
         "hub. A run alone has none read or fetched.",
         show_default="the run's, if it ships or MORPHKIT_ENCODERS lists it",
     ),
+]
+
+TrackOption = Annotated[
+    Literal["tensorboard", "wandb", "trackio"] | None,
+    typer.Option("--track", help="Where to show it: TensorBoard, Weights & Biases or Trackio; the latter are extras."),
 ]
 
 TrustXacroOption = Annotated[

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import typer
 
@@ -13,11 +16,15 @@ from . import common
 from .table import table, terminal_width
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from morphkit.description import Description
+    from morphkit.simulation.build import Simulation
     from morphkit_rl.evaluation.evaluate import RobotResult
 
 VIDEO_SUFFIXES = (".mp4", ".gif")
 VIDEO_WIDTH, VIDEO_HEIGHT = 480, 320
+COLUMNS = ("body", "trained on", "return", "std", "random", "random 95 %", "normalized")
 
 EXAMPLES = (
     "morphkit evaluate runs/first cheetah-family",
@@ -55,6 +62,7 @@ def evaluate(
     encoder: common.EncoderOption = None,
     xacro_arg: common.XacroArgOption = None,
     trust_xacro: common.TrustXacroOption = False,
+    track: common.TrackOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, with the return of every episode.")] = False,
 ) -> None:
     """Run a trained policy on bodies, trained on or never seen, compared with a random policy.
@@ -68,8 +76,11 @@ def evaluate(
     bodies = common.load_bodies(robots, xacro_arg, trust_xacro=trust_xacro)
 
     from morphkit_rl.evaluation.evaluate import evaluate as measure
+    from morphkit_rl.runs import trackers
     from morphkit_rl.runs.checkpoint import load_state
 
+    if track is not None:
+        trackers.require(track)
     where: dict[str, Any] = {"task": task, "base": base, "encoder": encoder, "checkpoint": checkpoint}
     found = measure(run, bodies, episodes=episodes, seed=seed, **where)
     folder, state = load_state(run, checkpoint)
@@ -82,8 +93,15 @@ def evaluate(
         spent = common.duration(state["elapsed_s"])
         typer.echo(f"\ntrained for {common.count(state['steps'], 'step')}, in {spent} ({folder.name})", err=True)
     _say_diverged(found)
-    if video is not None:
-        _film(run, bodies, video, seed=seed, **where)
+    films = _films(run, bodies, video, seed=seed, **where) if video is not None else iter(())
+    if track is None:
+        deque(films, maxlen=0)
+        return
+    with trackers.named_errors(run, track), closing(trackers.open_tracker(run, track)) as tracker:
+        tracker.table("evaluation", COLUMNS, _cells(found), state["steps"])
+        for film in films:
+            with film.ending_in(tracker.films) as path:
+                tracker.film(f"film/{film.body}", path, state["steps"])
 
 
 def _check_video(video: Path) -> None:
@@ -111,9 +129,8 @@ def _row(result: RobotResult) -> dict[str, Any]:
     }
 
 
-def _print_table(found: Sequence[RobotResult]) -> None:
-    numbers = ("return", "std", "random", "random 95 %", "normalized")
-    rows = []
+def _cells(found: Sequence[RobotResult]) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = []
     for result in found:
         low, high = result.random_interval
         rows.append(
@@ -127,8 +144,11 @@ def _print_table(found: Sequence[RobotResult]) -> None:
                 "-" if result.normalized is None else f"{result.normalized:.3f}",
             )
         )
-    shown = table(("body", "trained on", *numbers), rows, right=numbers, dispensable=("std",), width=terminal_width())
-    sys.stdout.write(shown)
+    return rows
+
+
+def _print_table(found: Sequence[RobotResult]) -> None:
+    sys.stdout.write(table(COLUMNS, _cells(found), right=COLUMNS[2:], dispensable=("std",), width=terminal_width()))
 
 
 def _say_diverged(found: Sequence[RobotResult]) -> None:
@@ -139,21 +159,48 @@ def _say_diverged(found: Sequence[RobotResult]) -> None:
                 typer.echo(f"{result.robot}: {every}{whose} ended because the simulation diverged", err=True)
 
 
-def _film(run: Path, bodies: Sequence[Description], video: Path, **options: Any) -> None:
+class _Film(NamedTuple):
+    """An episode, and where its film was written."""
+
+    body: str
+    path: Path
+    simulation: Simulation
+    poses: np.ndarray
+    fps: float
+
+    def write(self, path: Path) -> Path:
+        from morphkit.viewer.media import write_video
+        from morphkit.viewer.render import render_frames
+
+        frames = render_frames(self.simulation, self.poses, width=VIDEO_WIDTH, height=VIDEO_HEIGHT)
+        return write_video(frames, path, self.fps)
+
+    @contextmanager
+    def ending_in(self, suffixes: Sequence[str]) -> Iterator[Path]:
+        """The film as a file with one of these endings, which may be gone afterwards."""
+        if self.path.suffix.lower() in suffixes:
+            yield self.path
+            return
+        with TemporaryDirectory() as folder:
+            yield self.write(Path(folder, f"film{suffixes[0]}"))
+
+
+def _films(run: Path, bodies: Sequence[Description], video: Path, **options: Any) -> Iterator[_Film]:
+    """Film an episode of each body; a warning where pictures cannot be made."""
     from morphkit.errors import DependencyError
-    from morphkit.viewer.media import write_video
-    from morphkit.viewer.render import render_frames, resample
+    from morphkit.viewer.render import resample
     from morphkit_rl.evaluation.evaluate import record
 
     for body in bodies:
         path = video if len(bodies) == 1 else video.with_name(f"{video.stem}-{body.name}{video.suffix}")
         typer.echo(f"filming {body.name}", err=True)
         simulation, qpos, fps = record(run, body, **options)
-        poses, fps = resample(qpos, fps)
+        film = _Film(body.name, path, simulation, *resample(qpos, fps))
         try:
-            write_video(render_frames(simulation, poses, width=VIDEO_WIDTH, height=VIDEO_HEIGHT), path, fps)
+            film.write(path)
         except DependencyError as error:
             typer.secho("warning:", fg="yellow", bold=True, nl=False, err=True)
             typer.echo(f" no video: {error}", err=True)
             return
         typer.echo(f"video: {path}", err=True)
+        yield film

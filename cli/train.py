@@ -72,6 +72,7 @@ def train(
         bool, typer.Option("--strict", help="Refuse robots of which something has to be mended, as convert mends it.")
     ] = False,
     device: Annotated[str | None, typer.Option(help="PyTorch device, such as cpu or cuda.", show_default="cpu")] = None,
+    track: common.TrackOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress and no summary.")] = False,
 ) -> None:
@@ -82,6 +83,7 @@ def train(
     be tried on bodies that were held out: see morphkit evaluate.
     """
     robots, hold_out, validate, settings = robots or [], hold_out or [], validate or [], settings or []
+    settings = [*settings, f"trainer.track={track}"] if track and not resume else settings
     if resume:
         fixed = {
             "ROBOT": robots,
@@ -96,6 +98,7 @@ def train(
             "--trust-xacro": trust_xacro,
             "--strict": strict,
             "--device": device,
+            "--track": track,
         }
         given = [option for option, value in fixed.items() if value]
         if given:

@@ -111,6 +111,7 @@ class TrainerConfig:
         checkpoint_seconds: Seconds between two checkpoints.
         keep: `last`: the newest checkpoint only; `best`: also the one whose noise-free evaluation was best on the
             validation robots; a number: the newest so many.
+        track: Where curves are shown besides `metrics.jsonl`; `wandb` and `trackio` are extras.
     """
 
     schedule: Literal["sweeps", "rounds"] = "sweeps"
@@ -129,6 +130,7 @@ class TrainerConfig:
     log_seconds: float = 10.0
     checkpoint_seconds: float = 60.0
     keep: Literal["last", "best"] | int = bounded("last", at_least=1)
+    track: Literal["tensorboard", "wandb", "trackio"] = "tensorboard"
 
 
 def _default_model() -> ModelSettings:

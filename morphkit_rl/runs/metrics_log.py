@@ -1,4 +1,4 @@
-"""Metrics of a run: JSON lines for programs, TensorBoard events for people."""
+"""Metrics of a run: JSON lines for programs, and a tracker, such as TensorBoard, for people."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 from morphkit.errors import CheckpointError, OutputError
 from morphkit.utils.atomic_write import write_text
 from morphkit.utils.plain_files import append_plain, read_plain, require_plain
+from morphkit_rl.runs import trackers
 from morphkit_rl.runs.run_folder import METRICS
 from morphkit_rl.runs.schema import Row, parse
 
@@ -34,25 +35,26 @@ def read_metrics(run: Path) -> list[dict[str, Any]]:
 
 
 class MetricsLog:
-    """Appends to `metrics.jsonl` and to TensorBoard events; rows from after the given moment are dropped first.
+    """Appends to `metrics.jsonl` and to a tracker; rows from after the given moment are dropped first.
 
     Args:
         run: The run folder.
         steps: Environment steps that the run starts from.
         updates: Updates that the run starts from.
+        service: The tracker.
     """
 
-    def __init__(self, run: Path, steps: int, updates: int):
-        from torch.utils.tensorboard import SummaryWriter
-
+    def __init__(self, run: Path, steps: int, updates: int, service: trackers.Service = "tensorboard"):
+        self._service: trackers.Service = service
         kept = [row for row in read_metrics(run) if row["steps"] <= steps and row["updates"] <= updates]
         self._last = _moment(kept[-1]) if kept else None
         self.path = run / METRICS
         write_text(self.path, "".join(json.dumps(row) + "\n" for row in kept), durable=True)
-        self.writer = SummaryWriter(str(run / "tensorboard"), purge_step=steps)
+        with trackers.named_errors(run, service):
+            self.tracker = trackers.open_tracker(run, service, steps)
 
     def write(self, row: Mapping[str, Any]) -> None:
-        """Append one row; numbers become TensorBoard scalars, `returns` and `evaluation` some a robot.
+        """Append one row; numbers become points of curves, `returns` and `evaluation` some a robot.
 
         A row of the same steps and updates as the one before adds nothing, unless it holds an evaluation.
 
@@ -63,25 +65,29 @@ class MetricsLog:
             return
         self._last = _moment(row)
         with self._named_errors():
-            self._append(row)
+            append_plain(self.path, json.dumps(row) + "\n")
+            self.tracker.scalars(scalars(row), row["steps"])
+
+    def finish(self, returns: Mapping[str, float], steps: int) -> None:
+        """Show the training returns that a run ends with; raises as `write`."""
+        with self._named_errors():
+            rows = [(robot, round(value, 1)) for robot, value in returns.items()]
+            self.tracker.table("training returns", ("body", "return"), rows, steps)
 
     def close(self) -> None:
         """Close the files; raises as `write`, for what was not written yet."""
         with self._named_errors():
-            self.writer.close()
+            self.tracker.close()
 
     @contextmanager
     def _named_errors(self) -> Iterator[None]:
         try:
-            yield
+            with trackers.named_errors(self.path.parent, self._service):
+                yield
+        except OutputError:
+            raise
         except OSError as error:
             raise OutputError(f"{self.path.parent}: cannot write metrics: {error.strerror or error}") from None
-
-    def _append(self, row: Mapping[str, Any]) -> None:
-        append_plain(self.path, json.dumps(row) + "\n")
-        for tag, value in scalars(row).items():
-            self.writer.add_scalar(tag, value, row["steps"])
-        self.writer.flush()
 
 
 def scalars(row: Mapping[str, Any]) -> dict[str, float]:

@@ -18,10 +18,12 @@ from morphkit.utils.staging import require_text
 
 CONFIG, METRICS, CHECKPOINTS, REPLAY, ROBOTS = "config.json", "metrics.jsonl", "checkpoints", "replay", "robots"
 LATEST, BEST = "latest", "best"
+TRACKED = "tracked-as.txt"
 
 CHECKPOINT_NAME = re.compile(r"step-\d{12,20}-\d{10,20}(-again){0,9}", re.ASCII)
 SEGMENT_NAME = re.compile(r"sweeps-\d{10,20}-\d{10,20}\.safetensors", re.ASCII)
 ROBOT_NAME = re.compile(r"\d{3,6}(-[A-Za-z0-9_-]{1,48})?\.(urdf|xml)", re.ASCII)
+TRACKED_NAME = re.compile(r"[A-Za-z0-9-]{1,40}-[0-9a-f]{8}", re.ASCII)
 _STAGE_NAME = re.compile(rf"\.{CHECKPOINT_NAME.pattern}\.tmp", re.ASCII)
 _SEGMENT_TEMPORARY = re.compile(r"\.sweeps-\d{10,20}-\d{10,20}\.[0-9a-f]{8}\.safetensors", re.ASCII)
 _BEFORE_FILES = {CHECKPOINTS, REPLAY, ROBOTS}
@@ -95,7 +97,7 @@ def clear_segments(run: Path, keep: Collection[str]) -> None:
 def clear_temporaries(run: Path) -> None:
     """Remove the temporary files that a killed process left in the run folder itself."""
     for old in run.iterdir():
-        made = any(temporary_names(run / name).fullmatch(old.name) for name in (CONFIG, METRICS, "owner.json"))
+        made = any(temporary_names(run / name).fullmatch(old.name) for name in (CONFIG, METRICS, TRACKED, "owner.json"))
         if made and not old.is_dir():
             old.unlink(missing_ok=True)
 

@@ -12,7 +12,7 @@ from morphkit_rl.algorithms.agent import Agent
 from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.kernels import library
 from morphkit_rl.models.vocabulary import Vocabulary
-from morphkit_rl.runs import checkpoint, network_arrays, replay_segments, run_settings
+from morphkit_rl.runs import checkpoint, network_arrays, replay_segments, run_settings, trackers
 from morphkit_rl.training.collector import Collector, make_buffers
 from morphkit_rl.training.mended import mended
 from morphkit_rl.training.periodic_evaluation import Monitor
@@ -50,6 +50,7 @@ class Session:
                     f"{robot.name}: has no actuators, so there is nothing to learn; add motors or leave it out"
                 )
         check_device(settings.device)
+        trackers.require(config.trainer.track)
         self.mended = mended((*robots, *validation), strict=strict)
         # Before texts are encoded, which takes long for so large bodies.
         make_buffers([(len(robot.spec.sensors), len(robot.spec.actuators)) for robot in robots], config.trainer)

@@ -21,6 +21,7 @@ from morphkit_rl.runs import checkpoint, run_folder, run_settings
 from morphkit_rl.runs.lock import alone
 from morphkit_rl.runs.metrics_log import MetricsLog
 from morphkit_rl.runs.trusted_encoder import with_encoder
+from morphkit_rl.training.collector import refuse_diverged
 from morphkit_rl.training.mended import said_once
 from morphkit_rl.training.progress import Clock, Mark, Progress, TrainSummary
 from morphkit_rl.training.session import Session, check_sizes
@@ -150,12 +151,13 @@ class Trainer:
         with closing(self.session) as session:
             advanced = self._fraction() < 1 or session.monitor.due(session.collector.steps)
             if advanced:
-                log = MetricsLog(run, session.collector.steps, session.agent.learner.updates)
+                service = self.settings.config.trainer.track
+                log = MetricsLog(run, session.collector.steps, session.agent.learner.updates, service)
                 with closing(log):
                     self._run(run, log, progress)
         now, collector = self._progress(self._mark()), session.collector
         if now.fraction >= 1:
-            _refuse_diverged(collector.only_diverged(), run)
+            refuse_diverged(collector.only_diverged(), run)
         return TrainSummary(
             run=run,
             steps=now.steps,
@@ -203,6 +205,7 @@ class Trainer:
             clock.stop()
             self._save(run)
         log.write(self._metrics(mark))
+        log.finish(session.collector.returns(), session.collector.steps)
 
     def _evaluate(self, interrupts: Interrupts) -> dict[str, dict[str, Any]] | None:
         """Evaluate without using up training time; None where Ctrl-C cut it short."""
@@ -288,13 +291,3 @@ class Trainer:
         """Mean over all robots; None where one is missing."""
         whole = len(returns) == len(self.session.collector.robots)
         return float(np.mean(list(returns.values()))) if whole else None
-
-
-def _refuse_diverged(robots: Mapping[str, int], run: Path) -> None:
-    if robots:
-        found = ", ".join(f"{name} ({count})" for name, count in robots.items())
-        raise TrainingError(
-            f"{run}: the simulation diverged in every episode of {found}: there was nothing to learn from. Give the"
-            " file a smaller timestep, or look for masses, inertias and gains that do not fit with morphkit check; else"
-            " leave it out"
-        )
