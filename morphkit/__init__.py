@@ -5,7 +5,7 @@
     robot = morphkit.load("cheetah")
     spec = morphkit.token_spec(morphkit.read(robot))
     variant = morphkit.ablate(robot, remove=["foot"])
-    family = list(morphkit.families.sub_morphologies(robot))
+    family = list(morphkit.sub_morphologies(robot))
 
 Everything is imported on first use, so that `import morphkit` costs nothing.
 """
