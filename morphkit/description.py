@@ -10,6 +10,9 @@ from typing import Any, Literal
 
 from morphkit.morphology import Base, Format, Morphology
 
+Actuation = Literal["torque", "position", "as-file"]
+"""How motors are driven: by torques, by target positions around the start pose, or as the file says."""
+
 
 @dataclass(frozen=True, slots=True)
 class RobotInfo:
@@ -31,6 +34,11 @@ class RobotInfo:
             name of a keyframe. Empty: as `simulation.start_pose` has it.
         healthy_height: Overrides the task's healthy height of the root, m.
         expert_return: Return of a single-robot expert, to normalize scores with.
+        actuation: How its motors are driven; see `simulation.actuation`.
+        gains: Joint name, or a pattern such as `*_hip_joint` -> stiffness, N*m/rad (N/m), and damping, N*m*s/rad
+            (N*s/m), of its servo; the first pattern that matches counts.
+        action_scale: How far targets go from the start pose, as a share of 0.5 rad or of a quarter of a slide's travel.
+        control_frequency: Control steps per second, Hz; None takes the task's.
     """
 
     description: str = ""
@@ -46,6 +54,10 @@ class RobotInfo:
     start: str | dict[str, float] = ""
     healthy_height: tuple[float, float] | None = None
     expert_return: float | None = None
+    actuation: Actuation | None = None
+    gains: dict[str, tuple[float, float]] = field(default_factory=dict)
+    action_scale: float | None = None
+    control_frequency: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

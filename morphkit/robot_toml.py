@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any, get_args
 
-from morphkit.description import RobotInfo
+from morphkit.description import Actuation, RobotInfo
 from morphkit.errors import DescriptionError
 from morphkit.morphology import Base
 from morphkit.utils.suggest import did_you_mean
@@ -109,6 +109,23 @@ def _number(value: Any, where: str) -> float:
     return float(value)
 
 
+def _positive(value: Any, where: str) -> float:
+    number = _number(value, where)
+    _expect(0 < number < math.inf, where, "a positive number", value)
+    return number
+
+
+def _gains(value: Any, where: str) -> dict[str, tuple[float, float]]:
+    gains = {}
+    for joint, pair in _table(value, where).items():
+        at = f"{where}.{joint}"
+        _expect(isinstance(pair, list) and len(pair) == 2, at, "a pair [stiffness, damping]", pair)
+        stiffness, damping = _positive(pair[0], at), _number(pair[1], at)
+        _expect(0 <= damping < math.inf, at, "a pair [stiffness, damping], the damping not negative", pair)
+        gains[joint] = stiffness, damping
+    return gains
+
+
 def _range(value: Any, where: str) -> tuple[float, float]:
     _expect(isinstance(value, list) and len(value) == 2, where, "a pair [low, high]", value)
     low, high = _number(value[0], where), _number(value[1], where)
@@ -176,6 +193,10 @@ _INFO_KEYS: dict[str, Callable[[Any, str], Any]] = {
     "start": _start,
     "healthy_height": _range,
     "expert_return": _number,
+    "actuation": _one_of(*get_args(Actuation)),
+    "gains": _gains,
+    "action_scale": _positive,
+    "control_frequency": _positive,
     "canonical": _canonical,
     "recipes": _table,
 }

@@ -12,6 +12,7 @@ from morphkit.description import Description, RobotInfo
 from morphkit.errors import DescriptionError
 from morphkit.families.enumeration import Planned
 from morphkit.formats.isolation import working
+from morphkit.readers import read
 from morphkit.utils import worker_pool
 
 
@@ -90,6 +91,21 @@ def compile_problem(description: Description) -> str:
     return result.reason if isinstance(result, worker_pool.Failure) else ""
 
 
+def servo_gains(description: Description) -> dict[str, tuple[float, float]]:
+    """Stiffness and damping of each joint that position actuation gives a servo, found in another process.
+
+    Those that `robot.toml` gives are kept as they are. Empty where motors are not driven by position unless somebody
+    asks for it, and where the robot cannot be simulated.
+    """
+    given, asked = description.info.gains, description.info.actuation
+    by_default = description.format == "urdf" and read(description).base == "free"
+    if asked not in (None, "position") or (asked is None and not by_default):
+        return given
+    ((_, result),) = worker_pool.run(_finding_gains, [_plain(description)], limits=working(description))
+    found = {} if isinstance(result, worker_pool.Failure) else result
+    return {**given, **{joint: gains for joint, gains in found.items() if joint not in given}}
+
+
 def load_problems(files: Iterable[Path], source: Description, *, jobs: int = 1) -> Iterator[tuple[Path, str]]:
     """Yield each written variant of `source` that MuJoCo alone cannot load, and why, or how it crashed doing so."""
     for path, result in worker_pool.run(_loading, files, jobs=jobs, limits=working(source)):
@@ -150,6 +166,16 @@ def _compiling() -> Callable[[Description], None]:
         compile_plain(description)
 
     return compile_one
+
+
+def _finding_gains() -> Callable[[Description], dict[str, tuple[float, float]]]:
+    from morphkit.simulation.build import build_simulation
+
+    def find(description: Description) -> dict[str, tuple[float, float]]:
+        gains = build_simulation(description, actuation="position").gains
+        return {joint: (each.stiffness, each.damping) for joint, each in gains.items()}
+
+    return find
 
 
 def _loading() -> Callable[[Path], None]:

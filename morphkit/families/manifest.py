@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, get_args
 
 from morphkit.ablation.loss import Loss
-from morphkit.description import RobotInfo
+from morphkit.description import Actuation, RobotInfo
 from morphkit.errors import DescriptionError
 from morphkit.families.build import FailedVariant, MirroredVariant
 from morphkit.morphology import Base
@@ -153,6 +153,10 @@ def _from_json(path: Path, data: Mapping[str, Any]) -> Manifest:
         base=base,
         start=_start(shared.get("start", "")),
         healthy_height=None if height is None else _height(*height),
+        actuation=_one_of(shared.get("actuation"), get_args(Actuation)),
+        gains={joint: _gains(*pair) for joint, pair in shared.get("gains", {}).items()},
+        action_scale=_positive(shared.get("action_scale")),
+        control_frequency=_positive(shared.get("control_frequency")),
     )
     return Manifest(
         path=path,
@@ -193,6 +197,26 @@ def _inside(file: str) -> str:
     if path.is_absolute() or ".." in path.parts or not path.parts:
         raise ValueError(f"file {file!r} lies outside the manifest's folder")
     return file
+
+
+def _one_of(value: Any, choices: tuple[Any, ...]) -> Any:
+    if value is not None and value not in choices:
+        raise ValueError(f"{value!r} is none of {', '.join(choices)}")
+    return value
+
+
+def _positive(value: Any) -> float | None:
+    if value is None:
+        return None
+    if not 0 < float(value) < math.inf:
+        raise ValueError(f"{value!r} is no positive number")
+    return float(value)
+
+
+def _gains(stiffness: float, damping: float) -> tuple[float, float]:
+    if not (0 < stiffness < math.inf and 0 <= damping < math.inf):
+        raise ValueError(f"gains are {stiffness!r} and {damping!r}")
+    return float(stiffness), float(damping)
 
 
 def _height(low: float | None, high: float | None) -> tuple[float, float]:

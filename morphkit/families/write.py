@@ -18,7 +18,7 @@ from morphkit.ablation.loss import Loss
 from morphkit.description import Description, RobotInfo
 from morphkit.errors import DescriptionError, OutputError
 from morphkit.families.assets import AssetMode, Packer
-from morphkit.families.build import FailedVariant, Made, MirroredVariant
+from morphkit.families.build import FailedVariant, Made, MirroredVariant, servo_gains
 from morphkit.families.manifest import FILE_NAME, SCHEMA_VERSION, ManifestVariant, listed_files, read_manifest
 from morphkit.readers import read
 from morphkit.utils.staging import clear_leftovers, staged_folder
@@ -39,7 +39,8 @@ def write_family(
     the old folder or the new one, and a failed run leaves everything as it was.
 
     Args:
-        source: The description that the variants were cut from.
+        source: The description that the variants were cut from. The manifest has the gains of its servos, so that what
+            a limb loses changes no gain of the rest.
         variants: The variants; they may be made lazily, and are written as they come.
         folder: Where they go. Folders above it are made.
         force: Replace `folder` whatever it holds.
@@ -53,6 +54,7 @@ def write_family(
         OutputError: The folder holds other files, cannot be written, or two variants have one name.
     """
     folder = Path(folder)
+    source = replace(source, info=replace(source.info, gains=servo_gains(source)))
     clear_leftovers(folder.absolute())
     _check_target(folder, source, force)
     with staged_folder(folder) as stage:
@@ -169,6 +171,13 @@ def _head(source: Description, info: RobotInfo) -> dict[str, Any]:
         shared["labels"] = info.labels
     if info.start:
         shared["start"] = info.start
+    if info.actuation is not None:
+        shared["actuation"] = info.actuation
+    if info.gains:
+        shared["gains"] = {joint: list(gains) for joint, gains in info.gains.items()}
+    for key in ("action_scale", "control_frequency"):
+        if getattr(info, key) is not None:
+            shared[key] = getattr(info, key)
     if info.healthy_height is not None:
         shared["healthy_height"] = [value if math.isfinite(value) else None for value in info.healthy_height]
     return {

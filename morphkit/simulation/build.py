@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from morphkit.description import Description
+from morphkit.description import Actuation, Description
 from morphkit.errors import ConfigError, DescriptionError
 from morphkit.formats.isolation import compiling, isolated
 from morphkit.morphology import Base, Morphology
 from morphkit.readers import read
 from morphkit.readers.mjcf import subtree
+from morphkit.simulation import actuation as actuating
 from morphkit.simulation import completion
 from morphkit.simulation.ground import lowest_point, raise_root
 from morphkit.simulation.inertia import settle_masses
@@ -47,6 +49,8 @@ class Simulation:
         base_joints: Joint ids of the root: a free joint; x slide, z slide and y hinge of a planar base; none if fixed.
         notes: One sentence for each thing that was added or left out.
         mended: Those of `notes` that say what was changed of what the file says, as `convert` changes it.
+        actuation: How the motors are driven.
+        gains: Gains of the servo of each joint that got one, by the joint's name.
     """
 
     description: Description
@@ -61,6 +65,8 @@ class Simulation:
     base_joints: tuple[int, ...]
     notes: tuple[str, ...]
     mended: tuple[str, ...]
+    actuation: Actuation = "as-file"
+    gains: Mapping[str, actuating.Gains] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -91,7 +97,13 @@ def _compile_plain(description: Description) -> mujoco.MjModel:
     return compile_spec(spec, description.file)
 
 
-def build_simulation(description: Description, *, base: Base | None = None, drawn: bool = True) -> Simulation:
+def build_simulation(
+    description: Description,
+    *,
+    base: Base | None = None,
+    actuation: Actuation | None = None,
+    drawn: bool = True,
+) -> Simulation:
     """Compile a description together with what it lacks to be simulated.
 
     Added where missing: a floor (`morphkit_floor`), base joints, motors within the effort limits (URDF); always, and
@@ -102,18 +114,20 @@ def build_simulation(description: Description, *, base: Base | None = None, draw
         description: The robot.
         base: How to attach a root that has no joint of its own; None takes what the description says.
         drawn: Whether the model is drawn. Else no image of a texture is read, and textures are flat.
+        actuation: How motors are driven, see `simulation.actuation`; None: by position on a free base whose file has no
+            actuators, otherwise as the file says, with motors within the effort limits where it has none.
 
     Raises:
         DescriptionError: MuJoCo cannot read, compile or step it, or it has more control inputs than actuator tokens.
         AssetError: A mesh that the simulation needs is missing.
-        ConfigError: `base` contradicts the root's own joints.
+        ConfigError: `base` contradicts the root's own joints, or an actuator cannot be driven so.
     """
     read(description)
-    made = isolated(_build, description, compiling(description), base=base, drawn=drawn)
+    made = isolated(_build, description, compiling(description), base=base, actuation=actuation, drawn=drawn)
     return made if made.description is description else replace(made, description=description)
 
 
-def _build(description: Description, *, base: Base | None, drawn: bool) -> Simulation:
+def _build(description: Description, *, base: Base | None, actuation: Actuation | None, drawn: bool) -> Simulation:
     morphology = read(description)
     spec, dropped = load_spec(description, only=morphology, drawn=drawn)
     root = _find_root(spec, morphology)
@@ -128,7 +142,17 @@ def _build(description: Description, *, base: Base | None, drawn: bool) -> Simul
     moving = () if morphology.base == "fixed" else (root.name,)
     settled = completion.settle_urdf(spec, description, moving=moving) if description.format == "urdf" else []
     mended = (*dropped, *settled)
+    own_actuators = bool(spec.actuators)
     notes = [*mended, *_complete(spec, root, morphology, own_base, description)]
+    kind = actuating.choose(actuation, description.info, morphology.base, own_actuators=own_actuators)
+    gains: Mapping[str, actuating.Gains] = {}
+    if kind != "as-file" and len(spec.actuators) == len(morphology.actuators):
+        plain = compile_spec(spec.copy(), description.file)
+        pose = start_pose(plain, description.info.start, description.file)
+        driven, gains = actuating.drive(spec, plain, pose, morphology.actuators, kind, description.info)
+        morphology = replace(morphology, actuators=driven)
+        if gains:
+            notes.append(f"{len(gains)} of {len(driven)} actuators follow target positions around the start pose")
     completion.add_limb_sensors(spec, limbs)
     model = compile_spec(spec, description.file)
     tokens = token_spec(morphology)
@@ -160,6 +184,8 @@ def _build(description: Description, *, base: Base | None, drawn: bool) -> Simul
         base_joints=_base_joints(model, body_ids[0], morphology.base, description.file),
         notes=tuple(notes),
         mended=mended,
+        actuation=kind,
+        gains=gains,
     )
 
 

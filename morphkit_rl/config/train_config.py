@@ -104,6 +104,9 @@ class TrainerConfig:
         normalize: Whether observations are standardized by running statistics.
         observation: `fixed`, or `legacy` with the published code's defects.
         sensors: Quantities that are observed, such as `position`, or `no_ltv`: all but `type`; none named: all.
+        actuation: How motors are driven: `torque`, `position`, `as-file`, or `default`: by position on a free base
+            whose file has no actuators, otherwise as the file says.
+        control_frequency: Control steps per second, Hz; 0 for the robot's own, else the task's.
         evaluate_steps: Steps between two noise-free evaluations of the training and validation robots; 0 for none.
         evaluate_episodes: Episodes a robot in such an evaluation.
         precision: `bfloat16`, `float32`, or `auto` for what the processor is good at.
@@ -124,6 +127,8 @@ class TrainerConfig:
     normalize: bool = True
     observation: Literal["fixed", "legacy"] = "fixed"
     sensors: tuple[str, ...] = ()
+    actuation: Literal["default", "torque", "position", "as-file"] = "default"
+    control_frequency: float = 0.0
     evaluate_steps: int = 0
     evaluate_episodes: int = bounded(10, at_least=1)
     precision: Literal["auto", "float32", "bfloat16"] = "auto"

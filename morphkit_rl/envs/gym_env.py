@@ -12,6 +12,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.spaces import Box
 
+from morphkit.description import Actuation
 from morphkit.errors import ConfigError
 from morphkit.morphology import Base
 from morphkit.registry import load
@@ -51,6 +52,7 @@ class MorphEnv(gym.Env[np.ndarray, np.ndarray]):
         naming: How the tokens in `token_spec` are named; `limb_names` and `text_style` as in `morphkit.token_spec`.
         task: Name of the task; None takes the robot's own.
         base: How to attach a root without joints; None takes what the description says.
+        actuation: How its motors are driven: `torque`, `position` or `as-file`; None takes what suits the robot.
         render_mode: `rgb_array` or None.
         max_episode_steps: Control steps after which an episode is truncated; None takes the task's.
     """
@@ -68,11 +70,19 @@ class MorphEnv(gym.Env[np.ndarray, np.ndarray]):
         text_style: TextStyle = "words",
         task: str | None = None,
         base: Base | None = None,
+        actuation: Actuation | None = None,
         render_mode: str | None = None,
         max_episode_steps: int | None = None,
     ) -> None:
         own = prepare(
-            load(robot), naming, task=task, base=base, sensors=sensors, limb_names=limb_names, text_style=text_style
+            load(robot),
+            naming,
+            task=task,
+            base=base,
+            sensors=sensors,
+            limb_names=limb_names,
+            text_style=text_style,
+            actuation=actuation,
         )
         self.simulation, self.token_spec = own.simulation, own.spec
         self._batch = batch_of(own, 1, observation, max_episode_steps, autoreset=False, num_threads=1)

@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
+from morphkit.description import Actuation
 from morphkit.errors import ConfigError
 from morphkit.morphology import Base
 from morphkit.registry import load
@@ -38,6 +39,7 @@ class MorphVectorEnv(gym.vector.VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         naming: How the tokens in `token_spec` are named; `limb_names` and `text_style` as in `morphkit.token_spec`.
         task: Name of the task; None takes the robot's own.
         base: How to attach a root without joints; None takes what the description says.
+        actuation: How its motors are driven: `torque`, `position` or `as-file`; None takes what suits the robot.
         render_mode: `rgb_array` or None.
         num_threads: Threads that step; None: one a usable processor core.
         max_episode_steps: Control steps after which an episode is truncated; None takes the task's.
@@ -58,13 +60,21 @@ class MorphVectorEnv(gym.vector.VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         text_style: TextStyle = "words",
         task: str | None = None,
         base: Base | None = None,
+        actuation: Actuation | None = None,
         render_mode: str | None = None,
         num_threads: int | None = None,
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
     ) -> None:
         own = prepare(
-            load(robot), naming, task=task, base=base, sensors=sensors, limb_names=limb_names, text_style=text_style
+            load(robot),
+            naming,
+            task=task,
+            base=base,
+            sensors=sensors,
+            limb_names=limb_names,
+            text_style=text_style,
+            actuation=actuation,
         )
         self.simulation, self.token_spec = own.simulation, own.spec
         self._mode = _mode(autoreset_mode)

@@ -62,6 +62,9 @@ class RewardPass:
         self._ctrl_env = np.repeat(env, per_env(lambda s, _: len(s.tokens.actuators)))
         weights = [np.tile(_control_weights(s, t), n) for (s, t), n in zip(robots, num_envs, strict=True)]
         self._ctrl_weight = np.concatenate(weights)
+        self._ctrl_rest = np.concatenate(
+            [np.tile(_control_rest(s), n) for s, n in zip(simulations, num_envs, strict=True)]
+        )
         self._tip_env = np.flatnonzero(per_env(lambda _, t: t.tip_height_weight != 0))
         tips = per_env(lambda s, _: _tip(s))[self._tip_env]
         self._tip_row = root_row[self._tip_env] + tips[:, 0].astype(np.intp)
@@ -85,6 +88,7 @@ class RewardPass:
             state: Flat states after it, which `sensors` belong to.
             ctrl: Flat controls as given to the simulator.
         """
+        ctrl = ctrl - self._ctrl_rest
         cost = np.bincount(self._ctrl_env, ctrl * ctrl * self._ctrl_weight, minlength=len(self._alive))
         moved = self.forward(state) - forward_before
         reward = moved * self._speed_weight + self._alive - cost
@@ -167,11 +171,18 @@ def _or_infinite(
     return bound if isinstance(bound, tuple) else (bound, bound)
 
 
+def _control_rest(simulation: Simulation) -> np.ndarray:
+    """The control of each actuator that costs nothing: the start pose of a servo around it, otherwise 0."""
+    tokens = simulation.tokens.actuators
+    return np.array([((t.low or 0.0) + (t.high or 0.0)) / 2 if t.joint in simulation.gains else 0.0 for t in tokens])
+
+
 def _control_weights(simulation: Simulation, task: Task) -> np.ndarray:
     """Weight of every squared control."""
     weights = np.full(len(simulation.tokens.actuators), task.control_cost)
+    rest = _control_rest(simulation)
     for i, token in enumerate(simulation.tokens.actuators):
-        bound = max(abs(token.low or 0.0), abs(token.high or 0.0))
+        bound = max(abs((token.low or 0.0) - rest[i]), abs((token.high or 0.0) - rest[i]))
         if task.control_as_share and bound > 0:
             weights[i] /= bound**2
     return weights

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from morphkit.description import Description
+from morphkit.description import Actuation, Description
 from morphkit.morphology import Base
 from morphkit.simulation.build import Simulation, build_simulation
 from morphkit.tokens.names import LimbNames, Naming, TextStyle
@@ -38,6 +38,8 @@ def prepare(
     limb_names: LimbNames = "body",
     text_style: TextStyle = "words",
     drawn: bool = True,
+    actuation: Actuation | None = None,
+    control_frequency: float | None = None,
 ) -> Robot:
     """Compile a robot, name what it senses and accepts, and choose its task.
 
@@ -50,11 +52,13 @@ def prepare(
         limb_names: Whether limbs are called by their body or by their joint.
         text_style: Whether texts are words or the names with their underscores.
         drawn: Whether its model is drawn; see `build_simulation`.
+        actuation: How its motors are driven, see `simulation.actuation`; default: as suits the robot.
+        control_frequency: Control steps per second, Hz; default: the robot's own, else the task's.
 
     Raises:
         UnknownNameError: There is no such task or quantity.
     """
-    simulation = build_simulation(description, base=base, drawn=drawn)
+    simulation = build_simulation(description, base=base, actuation=actuation, drawn=drawn)
     spec = token_spec(
         simulation.morphology,
         naming=naming,
@@ -62,4 +66,4 @@ def prepare(
         text_style=text_style,
         canonical=description.info.canonical,
     )
-    return Robot(simulation, take_quantities(spec, sensors), task_for(simulation, task))
+    return Robot(simulation, take_quantities(spec, sensors), task_for(simulation, task, control_frequency))

@@ -111,12 +111,14 @@ TASKS: dict[str, Task] = {
 on a fixed base."""
 
 
-def task_for(simulation: Simulation, name: str | None = None) -> Task:
+def task_for(simulation: Simulation, name: str | None = None, control_frequency: float | None = None) -> Task:
     """The task of a robot with everything that depends on the robot filled in.
 
     Args:
         simulation: The robot.
         name: Name of the task; None takes the robot's own, else `raise` on a fixed base and `locomotion` otherwise.
+        control_frequency: Control steps per second that are aimed for, Hz; None takes the robot's own, else what the
+            task says. The published tasks keep their frame skip whatever the robot says.
 
     Returns:
         A task with `frame_skip` and absolute `healthy_height`; the robot's own healthy height goes first.
@@ -134,8 +136,7 @@ def task_for(simulation: Simulation, name: str | None = None) -> Task:
             f"{simulation.name}: task {name!r} rewards moving forward, but the base is fixed; take task 'raise', or "
             "--base planar or free"
         )
-    timestep = float(simulation.model.opt.timestep)
-    skip = task.frame_skip or max(1, round(task.control_period / timestep))
+    skip = _frame_skip(simulation, task, control_frequency)
     own = simulation.description.info.healthy_height
     if own is not None:
         return replace(task, frame_skip=skip, healthy_height=own, healthy_share=None, height_in_world=False)
@@ -144,6 +145,14 @@ def task_for(simulation: Simulation, name: str | None = None) -> Task:
             task, frame_skip=skip, healthy_height=_bounds(simulation, task.healthy_share), healthy_share=None
         )
     return replace(task, frame_skip=skip)
+
+
+def _frame_skip(simulation: Simulation, task: Task, asked: float | None) -> int:
+    frequency = asked or (None if task.frame_skip else simulation.description.info.control_frequency)
+    if frequency is None and task.frame_skip:
+        return task.frame_skip
+    period = 1 / frequency if frequency else task.control_period
+    return max(1, round(period / float(simulation.model.opt.timestep)))
 
 
 def _bounds(simulation: Simulation, share: Range) -> Range | None:

@@ -203,15 +203,18 @@ def prepare_robot(
 
     Its textures are read only where it is `drawn`.
     """
+    trainer = config.trainer
     return prepare(
         description,
         config.text.naming,
         task=task,
         base=base,
-        sensors=config.trainer.sensors,
+        sensors=trainer.sensors,
         limb_names=config.text.limb_names,
         text_style=config.text.style,
         drawn=drawn,
+        actuation=None if trainer.actuation == "default" else trainer.actuation,
+        control_frequency=trainer.control_frequency or None,
     )
 
 

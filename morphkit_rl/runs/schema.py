@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
@@ -236,6 +237,11 @@ def robot_info(values: dict[str, Any], place: str) -> RobotInfo:
     low, high = info.healthy_height or (0.0, 1.0)
     if not low < high:
         raise CheckpointError(f"{place}: damaged: healthy_height is from {low} to {high}")
+    if not all(0 < stiffness < math.inf and 0 <= damping < math.inf for stiffness, damping in info.gains.values()):
+        raise CheckpointError(f"{place}: damaged: gains are {info.gains}")
+    for name in ("action_scale", "control_frequency"):
+        if not 0 < (getattr(info, name) or 1.0) < math.inf:
+            raise CheckpointError(f"{place}: damaged: {name} is {getattr(info, name)}")
     return info
 
 

@@ -151,7 +151,8 @@ def test_meshes_of_mujoco_are_read(tmp_path: Path) -> None:
 
 def test_converted_robot_simulates_like_the_urdf(tmp_path: Path) -> None:
     write_conversion(convert(morphkit.load("quadruped"), base="free"), tmp_path / "quadruped.xml")
-    ours, theirs = (build_simulation(morphkit.load(each)) for each in (tmp_path / "quadruped.xml", "quadruped"))
+    sources = (tmp_path / "quadruped.xml", "quadruped")
+    ours, theirs = (build_simulation(morphkit.load(each), actuation="as-file") for each in sources)
     assert [token.name for token in ours.tokens.sensors] == [token.name for token in theirs.tokens.sensors]
     for array in (
         "qpos0",

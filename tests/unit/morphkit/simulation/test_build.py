@@ -50,7 +50,7 @@ def lowest_of_compiled(simulation: Simulation) -> float:
 
 @pytest.mark.parametrize("base", ["planar", "free"])
 def test_urdf_gets_floor_base_and_motors(base: str) -> None:
-    simulation = build_simulation(urdf(), base=base)
+    simulation = build_simulation(urdf(), base=base, actuation="torque")
     model = simulation.model
     joints = [model.joint(j).name for j in range(model.njnt)]
     assert joints == (["root_x", "root_z", "root_y"] if base == "planar" else ["root_free"]) + ["hip"]

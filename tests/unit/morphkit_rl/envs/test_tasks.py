@@ -76,6 +76,23 @@ def test_locomotion_is_filled_in_from_the_robot(base: str) -> None:
     assert own.healthy_height == (0.05, 3.0)
 
 
+def test_control_frequency() -> None:
+    assert task_for(body("free"), control_frequency=100).frame_skip == 2  # of 5 ms
+    assert task_for(body("free", control_frequency=25.0)).frame_skip == 8
+    walker = build_simulation(load("walker"))
+    assert task_for(body("planar", control_frequency=25.0), "walker").frame_skip == 4
+    assert task_for(walker, control_frequency=50).frame_skip == round(0.02 / walker.model.opt.timestep)
+
+
+def test_holding_the_start_pose_by_servos_costs_nothing() -> None:
+    simulation = body("free", actuation="position")
+    low, high = simulation.tokens.actuators[0].low, simulation.tokens.actuators[0].high
+    task = replace(task_for(simulation, "locomotion"), forward_weight=0.0, alive_bonus=0.0, control_cost=0.5)
+    start = simulation.model.qpos0
+    assert one_step(simulation, task, (low + high) / 2, start)[0] == 0
+    assert one_step(simulation, task, high, start)[0] == pytest.approx(-0.5)
+
+
 ROOT_JOINTS = {
     "free": "<freejoint/>",
     "planar": '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>',
