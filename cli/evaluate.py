@@ -41,7 +41,9 @@ def evaluate(
     ],
     episodes: Annotated[int, typer.Option(min=1, metavar="N", help="Noise-free episodes per body.")] = 10,
     seed: Annotated[int, typer.Option(help="Seed of the start states and of the random policy.")] = 0,
-    task: Annotated[str | None, typer.Option(help="Task of all bodies.", show_default="as in the run")] = None,
+    task: Annotated[
+        str | None, typer.Option(metavar="NAME_OR_FILE", help="Task of all bodies.", show_default="as in the run")
+    ] = None,
     base: Annotated[
         Literal["planar", "free", "fixed"] | None,
         typer.Option(

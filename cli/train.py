@@ -59,7 +59,13 @@ def train(
     seed: Annotated[int | None, typer.Option(help="Seed of all random numbers.", show_default="0")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in DIR where it stopped.")] = False,
     task: Annotated[
-        str | None, typer.Option(help="Task of all bodies, such as locomotion.", show_default="what each robot says")
+        str | None,
+        typer.Option(
+            metavar="NAME_OR_FILE",
+            help="Task of all bodies, such as walk, or a TOML file. With --resume, the file whose Python terms "
+            "the run needs.",
+            show_default="what each robot says",
+        ),
     ] = None,
     base: Annotated[
         Literal["planar", "free", "fixed"] | None,
@@ -92,7 +98,7 @@ def train(
             "--preset": preset,
             "--set": settings,
             "--seed": seed is not None,
-            "--task": task,
+            "--task": task and not task.endswith(".toml"),
             "--base": base,
             "--xacro-arg": xacro_arg,
             "--trust-xacro": trust_xacro,
@@ -119,7 +125,8 @@ def train(
     if resume:
 
         def start(display: ProgressDisplay) -> TrainSummary:
-            return trainer.resume(run, minutes=minutes, steps=steps, encoder=encoder, progress=display.update)
+            own = Path(task) if task else None
+            return trainer.resume(run, minutes=minutes, steps=steps, encoder=encoder, task=own, progress=display.update)
 
     else:
         config = load_config(preset or "default", settings)

@@ -56,7 +56,8 @@ def method_config(method: str, split: str, *, preset: str | None = None, overrid
     name = preset or preset_of(method)
     by_split = _settings_of_split(name, split) if name.endswith(_PAPER) else []
     without_types = ['trainer.sensors=["no_ltv"]'] if method.endswith(_NO_TYPES) else []
-    config = load_config(name, [f"trainer.evaluate_steps={EVALUATE_STEPS}", *by_split, *without_types, *overrides])
+    fixed = [f"trainer.evaluate_steps={EVALUATE_STEPS}", "trainer.total_envs=0"]
+    config = load_config(name, [*fixed, *by_split, *without_types, *overrides])
     base = method.removesuffix(_NO_TYPES)
     if base in method_names() and config.model.method != base:
         raise ConfigError(f"preset {name} is for method {config.model.method!r}, not for {base!r}")

@@ -81,6 +81,8 @@ def _check(hint: Any, value: Any, where: str, bounds: Mapping[str, Any]) -> Any:
         return _check_word_or_number(hint, value, where, bounds)
     if hint == tuple[str, ...]:
         return _words(value, where)
+    if hint == tuple[float, float]:
+        return _range(value, where)
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
@@ -113,6 +115,15 @@ def _words(value: Any, where: str) -> tuple[str, ...]:
     if not isinstance(words, list | tuple) or not all(isinstance(word, str) for word in words):
         raise ConfigError(f"{where} is {value!r}; expected a list of strings")
     return tuple(words)
+
+
+def _range(value: Any, where: str) -> tuple[float, float]:
+    """A pair of numbers, the first not above the second."""
+    numbers = value if isinstance(value, list | tuple) else ()
+    good = len(numbers) == 2 and all(isinstance(n, int | float) and not isinstance(n, bool) for n in numbers)
+    if not good or not -math.inf < numbers[0] <= numbers[1]:
+        raise ConfigError(f"{where} is {value!r}; expected a pair [low, high] of numbers")
+    return float(numbers[0]), float(numbers[1])
 
 
 def lists_for_tuples(items: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -95,7 +95,9 @@ class TrainerConfig:
         schedule: `sweeps`: after each step of all environments a few updates that mix all robots. `rounds`: the
             published order; an episode of every robot, then, robot by robot, updates from its own replay: as many for
             each, and in all as many as counted steps.
-        num_envs: Environments a robot.
+        num_envs: Environments a robot; more where `total_envs` says so.
+        total_envs: Environments of all robots together, at least: few robots get more each, so that a robot alone is
+            stepped as often for each update as a family; 0 for `num_envs` a robot.
         start_steps: Random environment steps, over all robots.
         start_steps_per_robot: The same as steps a robot; the larger of the two holds.
         updates_per_sweep: Updates after each step of all environments, of the schedule `sweeps`.
@@ -119,6 +121,7 @@ class TrainerConfig:
 
     schedule: Literal["sweeps", "rounds"] = "sweeps"
     num_envs: int = bounded(8, at_least=1)
+    total_envs: int = 0
     start_steps: int = 20_000
     start_steps_per_robot: int = 0
     updates_per_sweep: int = bounded(4, at_least=1)
@@ -155,6 +158,11 @@ class TrainConfig:
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Sections and their settings, as JSON and TOML can hold them."""
         return dataclasses.asdict(self, dict_factory=lists_for_tuples)
+
+    def for_robots(self, number: int) -> TrainConfig:
+        """These settings with the environments that each of so many training robots gets."""
+        num_envs = max(self.trainer.num_envs, -(-self.trainer.total_envs // number))
+        return dataclasses.replace(self, trainer=dataclasses.replace(self.trainer, num_envs=num_envs))
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], *, origin: str) -> TrainConfig:

@@ -13,13 +13,15 @@ import numpy as np
 from morphkit.errors import ConfigError
 from morphkit.simulation.build import Simulation
 from morphkit.tokens.spec import TokenSpec
+from morphkit_rl.envs.batch_checks import check_robots
 from morphkit_rl.envs.divergence import Divergence
 from morphkit_rl.envs.episode_counters import EpisodeCounters
 from morphkit_rl.envs.observation import Observation, ObservationPass
 from morphkit_rl.envs.reward import RewardPass
 from morphkit_rl.envs.step import Step
 from morphkit_rl.envs.stepping import SteppedRobot, Stepper
-from morphkit_rl.envs.tasks import Task
+from morphkit_rl.envs.task_pass import TaskPass
+from morphkit_rl.envs.task_settings import Task
 
 
 class BatchEnv:
@@ -64,7 +66,7 @@ class BatchEnv:
         self.num_envs = [num_envs] * len(simulations) if isinstance(num_envs, int) else list(num_envs)
         self.simulations, self.tasks = list(simulations), list(tasks)
         self.specs = [simulation.tokens for simulation in simulations] if specs is None else list(specs)
-        _check(self.simulations, self.tasks, self.num_envs, self.specs, observation)
+        check_robots(self.simulations, self.tasks, self.num_envs, self.specs, observation)
         self.diverged = np.zeros(len(simulations), np.int64)
         self._robots = [SteppedRobot(*robot) for robot in zip(simulations, tasks, self.num_envs, strict=True)]
         sizes = [robot.start.size for robot in self._robots]
@@ -77,6 +79,7 @@ class BatchEnv:
         for robot, part, mine, n in zip(self._robots, states, rows, self.num_envs, strict=True):
             robot.state = self._state[part].reshape(n, -1)
             robot.sensors = self._observe_all.sensors[mine].reshape(n, 1, -1)
+        self._tasks = TaskPass(simulations, tasks, self.specs, self._robots, self._observe_all.others)
         self._reward = RewardPass(simulations, tasks, starts, self._observe_all.roots, self._observe_all.sensors)
         self._envs = _slices(self.num_envs)
         self._obs = _slices([n * len(spec.sensors) for n, spec in zip(self.num_envs, self.specs, strict=True)])
@@ -112,15 +115,15 @@ class BatchEnv:
         Returns:
             Observations, one float32 (n, tokens) a robot.
         """
-        for robot, rng, task in zip(self._robots, self._rngs, self.tasks, strict=True):
-            robot.state[:] = robot.draw_start(rng, task, len(robot.state))
+        for i, n in enumerate(self.num_envs):
+            self._draw_start(i, np.arange(n))
         self._counters.restart(slice(None), 0 if elapsed is None else np.concatenate(elapsed))
         return self.observe()
 
     def observe(self) -> list[np.ndarray]:
         """Observations of the current states, one float32 (n, tokens) a robot."""
         self._stepper.sense()
-        return self._split_obs(self._observe_all(self._state))
+        return self._split_obs(self._observe())
 
     def step(self, actions: Sequence[np.ndarray]) -> Step:
         """Advance every environment by one control step; where an episode ends, the next one starts at once.
@@ -133,6 +136,7 @@ class BatchEnv:
             DescriptionError: MuJoCo cannot go on at all, such as for lack of memory.
         """
         ctrl = self._controls(actions)
+        self._tasks.before(self._rngs)
         before, forward = self._state.copy(), self._reward.forward(self._state)
         for robot, mine in zip(self._robots, self._ctrl, strict=True):
             robot.ctrl[:] = ctrl[mine].reshape(len(robot.ctrl), 1, -1)
@@ -140,8 +144,10 @@ class BatchEnv:
         diverged = self._divergence.undo(self._state, before)
         if diverged is not None:
             self._stepper.sense()
-        final = self._observe_all(self._state)
         reward, terminated = self._reward(forward, self._state, ctrl)
+        rewards, ended = ([values[mine] for mine in self._envs] for values in (reward, terminated))
+        self._tasks.add(rewards, ended, [ctrl[mine] for mine in self._ctrl], self._rngs)
+        final = self._observe()
         if diverged is not None:
             reward[diverged], terminated[diverged] = 0.0, True
             self.diverged += [int(diverged[mine].sum()) for mine in self._envs]
@@ -163,14 +169,17 @@ class BatchEnv:
         """Start new episodes in a robot's environments `which`, int (k,); all its observations, float32 (n, tokens)."""
         self._draw(robot, which)
         self._counters.restart(self._envs[robot].start + which)
-        return self._split_obs(self._observe_all(self._state))[robot]
+        return self._split_obs(self._observe())[robot]
 
     def reward_terms(self, robot: int) -> dict[str, np.ndarray]:
         """What a robot's latest rewards are sums of, float64 (n,) each, and its forward speed `x_velocity`, m/s.
 
         Where the simulation diverged, the reward is 0, whatever the terms are.
         """
-        return {name: values[self._envs[robot]] for name, values in self._reward.terms().items()}
+        mine, terms, own = self._envs[robot], self._reward.terms(), self._tasks.terms(robot)
+        if own is not None:
+            return {"x_velocity": terms["x_velocity"][mine], **own}
+        return {name: values[mine] for name, values in terms.items()}
 
     def set_state(self, robot: int, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         """Put a robot's environments into given states; episodes start anew there.
@@ -191,6 +200,7 @@ class BatchEnv:
                 raise ValueError(f"{name} must be finite")
         own.state[:] = own.start
         own.qpos[:], own.qvel[:] = qpos, qvel
+        self._tasks.restart(robot, self._rngs[robot], np.arange(len(own.state)))
         self._counters.restart(self._envs[robot])
         return self.observe()[robot]
 
@@ -202,6 +212,7 @@ class BatchEnv:
         """Everything that an exact continuation needs, as arrays; `observe` gives the observations back."""
         generators = [[s.name, rng.bit_generator.state] for s, rng in zip(self.simulations, self._rngs, strict=True)]
         return {
+            **self._tasks.memory(),
             "state": self._state.copy(),
             "return": self._counters.returns.copy(),
             "length": self._counters.lengths.copy(),
@@ -217,6 +228,7 @@ class BatchEnv:
         """
         returns, lengths = self._counters.returns, self._counters.lengths
         own = {"state": self._state, "return": returns, "length": lengths, "diverged": self.diverged}
+        own |= (memory := self._tasks.memory())
         for key, target in own.items():
             if key not in state or np.shape(state[key]) != target.shape:
                 raise ConfigError(f"environment state {key!r} does not fit these robots and numbers of environments")
@@ -228,6 +240,7 @@ class BatchEnv:
             target[:] = state[key]
         for rng, (_, generator) in zip(self._rngs, generators, strict=True):
             rng.bit_generator.state = generator
+        self._tasks.restore(memory)
         self._stepper.sense()
 
     def close(self) -> None:
@@ -251,12 +264,21 @@ class BatchEnv:
             which = np.flatnonzero(done[mine])
             if len(which):
                 self._draw(i, which)
-        return self._observe_all(self._state)
+        return self._observe()
 
     def _draw(self, robot: int, which: np.ndarray) -> None:
+        self._draw_start(robot, which)
+        self._stepper.sense_some(self._robots[robot], which)
+
+    def _draw_start(self, robot: int, which: np.ndarray) -> None:
         own = self._robots[robot]
         own.state[which] = own.draw_start(self._rngs[robot], self.tasks[robot], len(which))
-        self._stepper.sense_some(own, which)
+        self._tasks.restart(robot, self._rngs[robot], which)
+
+    def _observe(self) -> np.ndarray:
+        """Flat observations of the current states."""
+        self._tasks.observe()
+        return self._observe_all(self._state)
 
     def _split_obs(self, flat: np.ndarray) -> list[np.ndarray]:
         return [flat[mine].reshape(n, -1) for mine, n in zip(self._obs, self.num_envs, strict=True)]
@@ -266,22 +288,3 @@ def _slices(sizes: Sequence[int]) -> list[slice]:
     """Where parts of these sizes lie, one behind the other."""
     ends = np.cumsum([0, *sizes]).tolist()
     return [slice(first, last) for first, last in pairwise(ends)]
-
-
-def _check(
-    simulations: list[Simulation], tasks: list[Task], num_envs: list[int], specs: list[TokenSpec], observation: str
-) -> None:
-    if not simulations:
-        raise ConfigError("there is no robot to simulate")
-    if not len(simulations) == len(tasks) == len(num_envs) == len(specs):
-        raise ConfigError(
-            f"{len(simulations)} robots need as many tasks ({len(tasks)}), num_envs ({len(num_envs)}) and specs "
-            f"({len(specs)})"
-        )
-    if min(num_envs) < 1:
-        raise ConfigError(f"every robot needs at least one environment, not {min(num_envs)}")
-    if observation not in ("fixed", "legacy"):
-        raise ConfigError(f"observation must be 'fixed' or 'legacy', not {observation!r}")
-    for simulation, task in zip(simulations, tasks, strict=True):
-        if task.frame_skip is None or task.healthy_share is not None:
-            raise ConfigError(f"{simulation.name}: task {task.name!r} is incomplete; take it from task_for")

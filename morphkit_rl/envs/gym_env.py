@@ -22,6 +22,7 @@ from morphkit.tokens.spec import TokenSpec
 from morphkit_rl.envs.batch_env import BatchEnv
 from morphkit_rl.envs.observation import Observation
 from morphkit_rl.envs.robot import Robot, prepare
+from morphkit_rl.envs.tasks import Task
 
 RENDER_SIZE = {"width": 480, "height": 360}
 
@@ -48,9 +49,9 @@ class MorphEnv(gym.Env[np.ndarray, np.ndarray]):
     Args:
         robot: Shipped robot, recipe or path of a description file.
         observation: `fixed` or `legacy`.
-        sensors: Quantities that are observed, such as `position`, or `no_ltv`: all but `type`; default: all.
+        sensors: What is observed: quantities or sets of them, as `envs.robot.prepare` takes them; default: all.
         naming: How the tokens in `token_spec` are named; `limb_names` and `text_style` as in `morphkit.token_spec`.
-        task: Name of the task; None takes the robot's own.
+        task: The task, its name or its TOML file; None takes the robot's own.
         base: How to attach a root without joints; None takes what the description says.
         actuation: How its motors are driven: `torque`, `position` or `as-file`; None takes what suits the robot.
         render_mode: `rgb_array` or None.
@@ -68,7 +69,7 @@ class MorphEnv(gym.Env[np.ndarray, np.ndarray]):
         naming: Naming = "raw",
         limb_names: LimbNames = "body",
         text_style: TextStyle = "words",
-        task: str | None = None,
+        task: str | Task | None = None,
         base: Base | None = None,
         actuation: Actuation | None = None,
         render_mode: str | None = None,

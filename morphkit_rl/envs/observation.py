@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import compress
 from typing import Literal
 
 import mujoco
@@ -23,8 +25,9 @@ class ObservationPass:
     """Computes the observations of all environments of all robots at once.
 
     Every limb of every environment is a row of sensor numbers (`sensors`, float64 (rows, numbers)), environment by
-    environment. A pass writes the scalars of the sensed quantities of each row, its features, then the joint angles,
-    then values that never change into one source buffer; a single gather puts them into token order.
+    environment. A pass writes the scalars of the sensed quantities of each row, its features, then the joint angles
+    into one source buffer, where values that never change are too, and what others write there; a single gather puts
+    them into token order.
 
     Args:
         simulations: The robots.
@@ -38,6 +41,8 @@ class ObservationPass:
     Attributes:
         sensors: See above; the caller keeps them up to date.
         roots: Row of the root limb of every environment, int (environments,).
+        others: For each robot float32 (n, tokens): what is observed of it besides limbs and joints, in the order of its
+            tokens; the caller keeps them up to date.
     """
 
     def __init__(
@@ -79,30 +84,38 @@ class ObservationPass:
         joints: Sequence[int],
     ) -> None:
         """Allocate the source buffer, fill in its constants, and lay down where each token comes from."""
+        of_limbs = [_of_limbs(spec) for spec in specs]
+        widths = [int((~mine).sum()) for mine in of_limbs]
         first_angle = len(self.sensors) * self._width
-        first_constant = first_angle + len(self._angle_state)
-        next_feature, next_angle, next_constant = 0, first_angle, first_constant
-        constants, gather = [np.zeros(0)], []
-        for simulation, spec, n, n_joints in zip(simulations, specs, num_envs, joints, strict=True):
-            start, section, values = _token_sources(simulation, self._features_of, legacy=self._legacy)
-            chosen = sensor_columns(spec, simulation.tokens)
-            start, section = start[chosen], section[chosen]
+        first_other = first_angle + len(self._angle_state)
+        first_constant = first_other + sum(n * width for n, width in zip(num_envs, widths, strict=True))
+        next_feature, next_angle, next_other, next_constant = 0, first_angle, first_other, first_constant
+        constants, gather, places = [np.zeros(0)], [], []
+        robots = zip(simulations, specs, num_envs, joints, of_limbs, widths, strict=True)
+        for simulation, spec, n, n_joints, mine, width in robots:
+            start, section = np.zeros(len(mine), np.int64), np.full(len(mine), 2)
+            start[~mine] = np.arange(width)
+            own_start, own_section, values = _token_sources(simulation, self._features_of, legacy=self._legacy)
+            chosen = sensor_columns(replace(spec, sensors=tuple(compress(spec.sensors, mine))), simulation.tokens)
+            start[mine], section[mine] = own_start[chosen], own_section[chosen]
             n_features = len(simulation.limb_body) * self._width
-            # Sections are numbered so that they index these: 0 constants, 1 features, -1 angles.
-            origin = np.array([next_constant, next_feature, next_angle])[section]
-            step = np.array([0, n_features, n_joints])[section]
+            # Sections are numbered so that they index these: 0 constants, 1 features, 2 others, -1 angles.
+            origin = np.array([next_constant, next_feature, next_other, next_angle])[section]
+            step = np.array([0, n_features, width, n_joints])[section]
             gather.append((origin + start + np.arange(n)[:, None] * step).ravel())
             constants.append(values)
+            places.append((next_other, n, width))
             next_feature, next_angle = next_feature + n * n_features, next_angle + n * n_joints
-            next_constant += len(values)
+            next_other, next_constant = next_other + n * width, next_constant + len(values)
         self._source = np.zeros(next_constant, np.float32)
         self._source[first_constant:] = np.concatenate(constants)
+        self.others = [self._source[at : at + n * width].reshape(n, width) for at, n, width in places]
         self._features = self._source[:first_angle].reshape(-1, self._width)
         self._sensed: list[tuple[quantities.LimbQuantity, np.ndarray, np.ndarray]] = []
         for each in quantities.sensed_quantities():
             numbers = self.sensors[:, quantities.quantity_columns(each.name)]
             self._sensed.append((each, numbers, self._features[:, self._features_of[each.name]]))
-        self._angles = self._source[first_angle:first_constant]
+        self._angles = self._source[first_angle:first_other]
         self._gather = np.concatenate(gather)
 
     def __call__(self, state: np.ndarray) -> np.ndarray:
@@ -135,6 +148,12 @@ class ObservationPass:
         lifted = self.sensors[roots, lift] + self.sensors[roots, turn] * x[roots]
         limit = quantities.VELOCITY_LIMIT
         self._features[roots, self._features_of["translational_velocity"].start + 2] = np.clip(lifted, -limit, limit)
+
+
+def _of_limbs(spec: TokenSpec) -> np.ndarray:
+    """Which sensor tokens are those of limbs and joints, bool (tokens,)."""
+    known = quantities.quantity_names()
+    return np.array([sensor.quantity in known for sensor in spec.sensors], bool)
 
 
 def _feature_columns() -> dict[str, slice]:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-import mujoco
 import numpy as np
 
 from morphkit.simulation.build import Simulation
 from morphkit.tokens.quantities import quantity_columns
-from morphkit_rl.envs.tasks import Task, start_frame
+from morphkit_rl.envs.start_frame import start_frame
+from morphkit_rl.envs.task_settings import Task
+from morphkit_rl.envs.tip import find_tip
 
 
 class RewardPass:
@@ -190,15 +191,5 @@ def _control_weights(simulation: Simulation, task: Task) -> np.ndarray:
 
 def _tip(simulation: Simulation) -> tuple[float, ...]:
     """Limb whose tip counts, the tip in the limb's frame (3, m), and the reach from the root's frame to there, m."""
-    model, limbs = simulation.model, simulation.morphology.limbs
-    index = {limb.name: i for i, limb in enumerate(limbs)}
-    chains = [[0]]
-    for i, limb in enumerate(limbs[1:], 1):
-        chains.append([*chains[index[limb.parent or ""]], i])
-    chain = max(reversed(chains), key=len)
-    point = 2 * model.body_ipos[simulation.limb_body[chain[-1]]]
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    places = data.xpos[simulation.limb_body[chain]]
-    reach = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum() + np.linalg.norm(point))
-    return float(chain[-1]), *point.tolist(), max(reach, 1e-6)
+    tip = find_tip(simulation)
+    return float(tip.limb), *tip.point.tolist(), tip.reach

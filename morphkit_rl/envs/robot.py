@@ -9,7 +9,7 @@ from morphkit.description import Actuation, Description
 from morphkit.morphology import Base
 from morphkit.simulation.build import Simulation, build_simulation
 from morphkit.tokens.names import LimbNames, Naming, TextStyle
-from morphkit.tokens.selection import take_quantities
+from morphkit.tokens.proprioception import needs_declared, observed
 from morphkit.tokens.spec import TokenSpec, token_spec
 from morphkit_rl.envs.tasks import Task, task_for
 
@@ -32,7 +32,7 @@ def prepare(
     description: Description,
     naming: Naming = "raw",
     *,
-    task: str | None = None,
+    task: str | Task | None = None,
     base: Base | None = None,
     sensors: Sequence[str] = (),
     limb_names: LimbNames = "body",
@@ -46,9 +46,10 @@ def prepare(
     Args:
         description: The robot.
         naming: How its tokens are named.
-        task: Name of the task; default: the robot's own.
+        task: The task, its name or its TOML file; default: the robot's own, or what suits its base.
         base: How the root is attached to the world; default: the robot's own.
-        sensors: Quantities that are observed, such as `position`, or `no_ltv`: all but `type`; default: all.
+        sensors: What is observed: quantities, such as `position`, or `no_ltv`: all of limbs and joints but `type`; or
+            the sets `all` (default), `proprioceptive` and `declared`.
         limb_names: Whether limbs are called by their body or by their joint.
         text_style: Whether texts are words or the names with their underscores.
         drawn: Whether its model is drawn; see `build_simulation`.
@@ -59,11 +60,15 @@ def prepare(
         UnknownNameError: There is no such task or quantity.
     """
     simulation = build_simulation(description, base=base, actuation=actuation, drawn=drawn)
+    chosen = task_for(simulation, task, control_frequency)
     spec = token_spec(
         simulation.morphology,
         naming=naming,
         limb_names=limb_names,
         text_style=text_style,
         canonical=description.info.canonical,
+        source="all" if needs_declared(sensors) else "limb",
     )
-    return Robot(simulation, take_quantities(spec, sensors), task_for(simulation, task, control_frequency))
+    own = ["previous_action"] if chosen.terms else []
+    own += [name for name, has in (("command", chosen.commands), ("target", chosen.reach)) if has]
+    return Robot(simulation, observed(spec, sensors, own), chosen)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import NamedTuple
@@ -14,10 +14,10 @@ import numpy as np
 from mujoco import _callbacks
 from mujoco.rollout import Rollout
 
-from morphkit.errors import DescriptionError
+from morphkit.errors import ConfigError, DescriptionError
 from morphkit.simulation.build import Simulation
 from morphkit.simulation.mujoco_warnings import no_warnings
-from morphkit_rl.envs.tasks import Task
+from morphkit_rl.envs.task_settings import Task
 
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 _RUNGE_KUTTA_COST = 3.2  # Euler steps that take as long as a Runge-Kutta step, measured on the benchmark's bodies
@@ -28,10 +28,13 @@ class SteppedRobot:
 
     Attributes:
         name: Name of the robot.
+        model: The robot.
+        models: The model that each environment steps; all of one size.
         state: (n, size): time, qpos, qvel and what else the simulator keeps; a view into all robots' states.
         sensors: (n, 1, 13 * limbs): a view into all robots' limb sensors.
         start: The noise-free start state, (size,).
         ctrl: (n, frame_skip, actuators), the control of every simulator step.
+        declared: (n, numbers): what the sensors of the file read, where that is observed.
         bounds: Lower and upper bounds of the controls, (2, actuators).
     """
 
@@ -44,7 +47,7 @@ class SteppedRobot:
         if self.model.ntree == 1:  # looking for groups of bodies that touch changes nothing, but costs 6 % of a step
             self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
         self.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)  # who sleeps is no part of the state
-        self.kinematics = simulation.kinematics
+        self.models, self.kinematics = [self.model] * n, simulation.kinematics
         self.nq, self.nv, self.frame_skip = self.model.nq, self.model.nv, task.frame_skip or 1
         self.start = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, mujoco.MjData(self.model), self.start, _STATE)
@@ -57,6 +60,7 @@ class SteppedRobot:
         # Where the file has sensors of its own, those of the limbs are a part of what the simulator writes.
         limb_sensor = simulation.limb_sensor.ravel()
         self.part = None if self.model.nsensordata == limb_sensor.size else limb_sensor
+        self.declared, self.declared_part = np.zeros((n, 0)), np.zeros(0, np.intp)
         self._quaternions = [
             int(address) + (3 if kind == mujoco.mjtJoint.mjJNT_FREE else 0)
             for address, kind in zip(self.model.jnt_qposadr, self.model.jnt_type, strict=True)
@@ -85,6 +89,29 @@ class SteppedRobot:
         """Velocities, (n, nv), a view."""
         return self.state[:, 1 + self.nq : 1 + self.nq + self.nv]
 
+    def sense_declared(self, simulation: Simulation, quantities: Collection[str]) -> None:
+        """Let these quantities of the file's sensors be read. They may depend on forces, so sensing costs as a step.
+
+        Raises:
+            ConfigError: MuJoCo does not simulate one of them.
+        """
+        self.declared_part = declared_addresses(simulation, quantities)
+        self.declared = np.zeros((len(self.state), len(self.declared_part)))
+        self.kinematics = copy.deepcopy(simulation.model)
+        self.kinematics.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+        self.kinematics.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        self.part = simulation.limb_sensor.ravel()
+
+    def sensed_ctrl(self, which: slice | np.ndarray) -> np.ndarray | None:
+        """Controls of environments `which` that declared sensors may depend on, (k, 1, actuators); None without any."""
+        return np.ascontiguousarray(self.ctrl[which, -1:]) if len(self.declared_part) else None
+
+    def take_sensors(self, which: slice | np.ndarray, sensordata: np.ndarray) -> None:
+        """Take what was sensed of environments `which`, (k, 1, numbers)."""
+        self.sensors[which] = sensordata if self.part is None else sensordata[..., self.part]
+        if len(self.declared_part):
+            self.declared[which] = sensordata[:, 0, self.declared_part]
+
     @property
     def cost(self) -> float:
         """Roughly what one environment's step costs, to share the work between threads."""
@@ -109,16 +136,37 @@ class SteppedRobot:
         return state
 
 
+def declared_addresses(simulation: Simulation, quantities: Collection[str]) -> np.ndarray:
+    """Index in `sensordata` of every reading of such quantities by the sensors that a file declares, int (readings,).
+
+    Raises:
+        ConfigError: MuJoCo does not simulate one of them, as those of a URDF.
+    """
+    model, found = simulation.model, []
+    for sensor in simulation.morphology.sensors:
+        wanted = [i for i, reading in enumerate(sensor.readings) if reading.quantity in quantities]
+        if not wanted:
+            continue
+        number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, sensor.name)
+        if number < 0 or model.sensor_dim[number] != len(sensor.readings):
+            raise ConfigError(
+                f"{simulation.name}: MuJoCo does not simulate the sensor {sensor.name!r} ({sensor.kind}), so that it"
+                " cannot be observed; convert the robot to MJCF and declare sensors there"
+            )
+        found += [int(model.sensor_adr[number]) + i for i in wanted]
+    return np.array(found, np.intp)
+
+
 class _Piece:
     """Some consecutive environments of a robot, which one thread works on; all arrays are views."""
 
     def __init__(self, robot: SteppedRobot, first: int, last: int) -> None:
         self.robot, n = robot, last - first
-        self.models, self.data = [robot.model] * n, [mujoco.MjData(robot.model)]
+        self.models, self.data = robot.models[first:last], [mujoco.MjData(robot.model)]
         self.kinematics, self.kinematics_data = [robot.kinematics] * n, [mujoco.MjData(robot.kinematics)]
         self.state, self.ctrl, self.states = robot.state[first:last], robot.ctrl[first:last], robot.states[first:last]
-        self.sensors = robot.sensors[first:last]
-        self.sensordata = self.sensors if robot.part is None else np.zeros((n, 1, robot.model.nsensordata))
+        self.which = slice(first, last)
+        self.sensordata = robot.sensors[first:last] if robot.part is None else np.zeros((n, 1, robot.model.nsensordata))
 
     def advance(self, pool: Rollout) -> None:
         # No warm start: a step depends on the state alone. Arrays are C-contiguous float64 of the right shapes.
@@ -135,10 +183,16 @@ class _Piece:
 
     def sense(self, pool: Rollout) -> None:
         pool.rollout(
-            self.kinematics, self.kinematics_data, self.state, skip_checks=True, nstep=1, sensordata=self.sensordata
+            self.kinematics,
+            self.kinematics_data,
+            self.state,
+            self.robot.sensed_ctrl(self.which),
+            skip_checks=True,
+            nstep=1,
+            sensordata=self.sensordata,
         )
         if self.robot.part is not None:
-            self.sensors[:] = self.sensordata[..., self.robot.part]
+            self.robot.take_sensors(self.which, self.sensordata)
 
 
 class _Share(NamedTuple):
@@ -215,11 +269,12 @@ class Stepper:
                 [robot.kinematics] * len(which),
                 piece.kinematics_data,
                 np.ascontiguousarray(robot.state[which]),
+                robot.sensed_ctrl(which),
                 skip_checks=True,
                 nstep=1,
                 sensordata=out,
             )
-        robot.sensors[which] = out if robot.part is None else out[..., robot.part]
+        robot.take_sensors(which, out)
 
     def close(self) -> None:
         """Stop the threads."""

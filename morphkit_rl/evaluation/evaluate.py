@@ -18,8 +18,9 @@ from morphkit.simulation.build import Simulation
 from morphkit_rl.algorithms.policy import Policy
 from morphkit_rl.envs.batch_env import BatchEnv
 from morphkit_rl.envs.robot import Robot
+from morphkit_rl.envs.tasks import Task
 from morphkit_rl.evaluation.episodes import RobotReturns, mean_interval, normalized, play, random_controller
-from morphkit_rl.runs import run_settings
+from morphkit_rl.runs import run_settings, saved_task
 from morphkit_rl.runs.run_folder import LATEST
 
 
@@ -61,7 +62,7 @@ def evaluate(
     *,
     episodes: int = 10,
     seed: int = 0,
-    task: str | None = None,
+    task: str | Task | None = None,
     base: Base | None = None,
     encoder: str | None = None,
     checkpoint: str = LATEST,
@@ -73,7 +74,7 @@ def evaluate(
         descriptions: The robots.
         episodes: Episodes a robot, for the policy and for the random one; each starts from a reset of its own.
         seed: Seed of resets and of the random policy.
-        task: Name of the task; default: that of the run, which may be each robot's own.
+        task: The task, its name or its TOML file; default: that of the run, which may be each robot's own.
         base: How roots are attached to the world; default: as `task`.
         encoder: Text encoder in place of the run's own; see `Policy.load`.
         checkpoint: Which of the run's checkpoints; as `encoder`.
@@ -99,7 +100,7 @@ def record(
     *,
     seed: int = 0,
     max_steps: int = 500,
-    task: str | None = None,
+    task: str | Task | None = None,
     base: Base | None = None,
     encoder: str | None = None,
     checkpoint: str = LATEST,
@@ -159,12 +160,13 @@ def _prepare(
     run: str | Path,
     policy: Policy,
     descriptions: Sequence[Description],
-    task: str | None,
+    task: str | Task | None,
     base: Base | None,
     drawn: bool = False,
 ) -> list[Robot]:
     saved = run_settings.read(Path(run))
-    task, base = task or saved.get("task"), base or saved.get("base")
+    task = task or saved_task.from_json(saved, str(Path(run) / "config.json"))
+    base = base or saved.get("base")
     named = [run_settings.with_names_of(saved, description) for description in descriptions]
     robots = [
         run_settings.prepare_robot(policy.config, description, task=task, base=base, drawn=drawn)

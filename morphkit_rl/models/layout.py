@@ -143,7 +143,7 @@ def build_layout(
     action_limb, action_text, parents = [], [], []
     for robot, spec in enumerate(specs):
         first, last = limbs[robot].start, limbs[robot].stop
-        for sensor, limb in zip(spec.sensors, spec.token_limb, strict=True):
+        for sensor, limb in zip(spec.sensors, spec.token_limb.clip(min=0), strict=True):  # of no single limb: the root
             sensed[first + limb].append((tokens[robot].start + sensor.index, text_index[sensor.text]))
         for column, control in enumerate(controls[robot], columns[robot].start):
             entry = (num_tokens + column, text_index[control.text])
@@ -158,7 +158,8 @@ def build_layout(
         return torch.as_tensor(np.asarray(values), dtype=dtype, device=device)
 
     embeddings = embed(texts)
-    limb_embeddings = np.stack([embeddings[[text for _, text in entries]].mean(0) for entries in sensed])
+    silent = np.zeros_like(embeddings[:1])
+    limb_embeddings = np.stack([(embeddings[[t for _, t in own]] if own else silent).mean(0) for own in sensed])
     robot_limbs = np.zeros((len(specs), num_limbs), np.float32)
     for robot, own_limbs in enumerate(limbs):
         robot_limbs[robot, own_limbs] = 1 / (own_limbs.stop - own_limbs.start)

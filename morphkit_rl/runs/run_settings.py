@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 import subprocess
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
@@ -22,11 +21,11 @@ from morphkit.naming.limbs import canonical_limb_names
 from morphkit.readers import read as read_robot
 from morphkit.tokens.spec import TokenSpec
 from morphkit.utils.atomic_write import write_atomically, write_text
-from morphkit.utils.plain_files import read_plain
 from morphkit.utils.suggest import did_you_mean_or_list
 from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.envs.robot import Robot, prepare
-from morphkit_rl.runs import run_folder, schema
+from morphkit_rl.envs.tasks import Task
+from morphkit_rl.runs import robot_entry, run_folder, saved_task, schema
 from morphkit_rl.runs.run_folder import CONFIG, ROBOTS
 from morphkit_rl.text.encoder import TextEncoder
 
@@ -43,7 +42,7 @@ class RunSettings:
         validation: Robots that are evaluated as the training robots are, but not trained on.
         hold_out: Names of robots that were kept away.
         config: Settings of text encoder, networks, TD3 and trainer.
-        task: Name of the task; None: each robot's own.
+        task: The task, or its name where it ships; None: each robot's own.
         base: How roots are attached to the world; None: each robot's own.
         seed: Seed of everything random.
         minutes: Budget of training time; None for none.
@@ -56,7 +55,7 @@ class RunSettings:
     validation: tuple[Description, ...]
     hold_out: tuple[str, ...]
     config: TrainConfig
-    task: str | None
+    task: str | Task | None
     base: Base | None
     seed: int
     minutes: float | None
@@ -118,7 +117,7 @@ def create(run: Path, settings: RunSettings, mended: Mapping[str, Sequence[str]]
     """
     run_folder.create_run(run)
     for number, robot in enumerate((*settings.robots, *settings.validation)):
-        write_atomically(run / ROBOTS / _source_file(number, robot), _writer(robot.source))
+        write_atomically(run / ROBOTS / robot_entry.source_file(number, robot), _writer(robot.source))
     if settings.config.text.naming == "canonical":
         robots, validation = (tuple(map(_with_names, part)) for part in (settings.robots, settings.validation))
         settings = replace(settings, robots=robots, validation=validation)
@@ -181,9 +180,11 @@ def load(run: Path) -> RunSettings:
     saved = read(run)
     try:
         robots, validation = (
-            tuple(_robot_from_json(run, entry) for entry in saved.get(part, ())) for part in ("robots", "validation")
+            tuple(robot_entry.from_json(run, entry) for entry in saved.get(part, ()))
+            for part in ("robots", "validation")
         )
-        fields = {name: saved[name] for name in ("task", "base", "seed", "minutes", "steps", "device", "threads")}
+        fields = {name: saved[name] for name in ("base", "seed", "minutes", "steps", "device", "threads")}
+        fields["task"] = saved_task.from_json(saved, str(run / CONFIG))
         config = train_config(run, saved)
         hold_out = tuple(saved["hold_out"])
         return RunSettings(robots=robots, validation=validation, hold_out=hold_out, config=config, **fields)
@@ -195,7 +196,7 @@ def prepare_robot(
     config: TrainConfig,
     description: Description,
     *,
-    task: str | None = None,
+    task: str | Task | None = None,
     base: Base | None = None,
     drawn: bool = False,
 ) -> Robot:
@@ -240,13 +241,14 @@ def texts_digest(specs: Sequence[TokenSpec]) -> str:
 
 
 def _write(run: Path, settings: RunSettings, about: Mapping[str, Any]) -> None:
-    described = [_robot_to_json(*pair) for pair in enumerate((*settings.robots, *settings.validation))]
+    described = [robot_entry.to_json(*pair) for pair in enumerate((*settings.robots, *settings.validation))]
     values = {
         "robots": described[: len(settings.robots)],
         "validation": described[len(settings.robots) :],
         "hold_out": list(settings.hold_out),
         "config": settings.config.to_dict(),
-        **{name: getattr(settings, name) for name in ("task", "base", "seed", "minutes", "steps", "device", "threads")},
+        **saved_task.to_json(settings.task),
+        **{name: getattr(settings, name) for name in ("base", "seed", "minutes", "steps", "device", "threads")},
         **about,
     }
     write_text(run / CONFIG, json.dumps(values, indent=2) + "\n")
@@ -255,43 +257,6 @@ def _write(run: Path, settings: RunSettings, about: Mapping[str, Any]) -> None:
 def _with_names(robot: Description) -> Description:
     names = canonical_limb_names(read_robot(robot), robot.info.canonical)
     return replace(robot, info=replace(robot.info, canonical={**robot.info.canonical, **names}))
-
-
-def _source_file(number: int, robot: Description) -> str:
-    """A file name that any file system takes; unique by the robot's number, whatever its name."""
-    words = re.sub(r"[^A-Za-z0-9_-]+", "-", robot.name)[:48].strip("-")
-    suffix = ".urdf" if robot.format == "urdf" else ".xml"
-    return f"{number:03d}-{words}{suffix}" if words else f"{number:03d}{suffix}"
-
-
-def _robot_to_json(number: int, robot: Description) -> dict[str, Any]:
-    return {
-        "name": robot.name,
-        "file": robot.file,
-        "source": _source_file(number, robot),
-        "format": robot.format,
-        "sha256": robot.sha256,
-        "folder": str(robot.folder) if robot.folder else None,
-        "packages": {name: str(folder) for name, folder in robot.packages.items()},
-        "root": robot.root,
-        "info": asdict(robot.info),
-    }
-
-
-def _robot_from_json(run: Path, entry: Mapping[str, Any]) -> Description:
-    robot = Description(
-        name=entry["name"],
-        file=entry["file"],
-        format=entry["format"],
-        source=read_plain(run / ROBOTS / entry["source"]),
-        folder=Path(entry["folder"]) if entry["folder"] else None,
-        info=schema.robot_info(entry["info"], f"{run / CONFIG}: {entry['name']!r}"),
-        root=entry["root"],
-        packages={name: Path(folder) for name, folder in entry.get("packages", {}).items()},
-    )
-    if robot.sha256 != entry["sha256"]:
-        raise CheckpointError(f"{run / ROBOTS / entry['source']}: changed since the run began")
-    return robot
 
 
 def _writer(source: bytes) -> Callable[[Path], object]:

@@ -146,6 +146,7 @@ class Config(Part):
     hold_out: list[str]
     config: dict[str, dict[str, Any]]
     task: str | None
+    task_toml: Annotated[str, Field(max_length=2**20)] | None = None
     base: Base | None
     seed: Annotated[int, Field(ge=0, lt=2**63)]
     minutes: Positive | None

@@ -150,6 +150,21 @@ class Collector:
         pairs = zip(self.robots, self.ended.tolist(), self.env.diverged.tolist(), strict=True)
         return {robot.name: ended for robot, ended, diverged in pairs if ended == diverged and ended >= self.num_envs}
 
+    def refuse_diverged(self, run: Path) -> None:
+        """Raise where a robot has `only_diverged`.
+
+        Raises:
+            TrainingError: There is such a robot.
+        """
+        robots = self.only_diverged()
+        if robots:
+            found = ", ".join(f"{name} ({count})" for name, count in robots.items())
+            raise TrainingError(
+                f"{run}: the simulation diverged in every episode of {found}: there was nothing to learn from. Give"
+                " the file a smaller timestep, or look for masses, inertias and gains that do not fit with morphkit"
+                " check; else leave it out"
+            )
+
     def arrays(self) -> dict[str, np.ndarray]:
         """State of the environments and their observations."""
         return {**self.env.state_dict(), "trainer/obs": self.obs}
@@ -203,18 +218,3 @@ def make_buffers(widths: Sequence[tuple[int, int]], config: TrainerConfig) -> li
             f"a replay of {config.replay_capacity:,} transitions, of up to {most:,} sensor tokens each, does not fit"
             f" into memory ({error}); set trainer.replay_capacity to less, or train on bodies with fewer limbs"
         ) from None
-
-
-def refuse_diverged(robots: Mapping[str, int], run: Path) -> None:
-    """Refuse the outcome of a run some of whose robots never ended an episode in any other way.
-
-    Raises:
-        TrainingError: There are such robots.
-    """
-    if robots:
-        found = ", ".join(f"{name} ({count})" for name, count in robots.items())
-        raise TrainingError(
-            f"{run}: the simulation diverged in every episode of {found}: there was nothing to learn from. Give the"
-            " file a smaller timestep, or look for masses, inertias and gains that do not fit with morphkit check; else"
-            " leave it out"
-        )

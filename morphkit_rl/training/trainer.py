@@ -17,11 +17,12 @@ from morphkit.errors import TrainingError
 from morphkit.morphology import Base
 from morphkit.utils.interrupts import Interrupts
 from morphkit_rl.config.train_config import TrainConfig
+from morphkit_rl.envs.tasks import Task
 from morphkit_rl.runs import checkpoint, run_folder, run_settings
 from morphkit_rl.runs.lock import alone
 from morphkit_rl.runs.metrics_log import MetricsLog
+from morphkit_rl.runs.saved_task import chosen_task, run_terms
 from morphkit_rl.runs.trusted_encoder import with_encoder
-from morphkit_rl.training.collector import refuse_diverged
 from morphkit_rl.training.mended import said_once
 from morphkit_rl.training.progress import Clock, Mark, Progress, TrainSummary
 from morphkit_rl.training.session import Session, check_sizes
@@ -37,7 +38,7 @@ def train(
     *,
     hold_out: Sequence[str] = (),
     validation: Sequence[str] = (),
-    task: str | None = None,
+    task: str | Task | None = None,
     base: Base | None = None,
     seed: int = 0,
     minutes: float | None = None,
@@ -55,7 +56,7 @@ def train(
         config: All settings.
         hold_out: Names among `descriptions` that are kept away from the run altogether.
         validation: Names among `descriptions` that are not trained on, but evaluated as the training robots are.
-        task: Name of the task; default: each robot's own.
+        task: The task, its name or its TOML file; default: each robot's own.
         base: How roots are attached to the world; default: each robot's own.
         seed: Seed of networks, environments, noise and replay.
         minutes: Training time, over all resumptions; default 10 where neither `minutes` nor `steps` is given.
@@ -78,8 +79,8 @@ def train(
         robots=tuple(trained),
         validation=tuple(validated),
         hold_out=tuple(hold_out),
-        config=config,
-        task=task,
+        config=config.for_robots(max(len(trained), 1)),
+        task=chosen_task(task),
         base=base,
         seed=seed,
         minutes=DEFAULT_MINUTES if minutes is None and steps is None else minutes,
@@ -102,6 +103,7 @@ def resume(
     minutes: float | None = None,
     steps: int | None = None,
     encoder: str | None = None,
+    task: Path | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> TrainSummary:
     """Continue a run from its latest checkpoint, exactly as if it had never stopped.
@@ -111,6 +113,7 @@ def resume(
         minutes: New budget of training time in all; default: the run's own.
         steps: New budget of environment steps in all; default: the run's own.
         encoder: Text encoder in place of the run's own; see `Policy.load`.
+        task: The TOML file of the run's task, where Python files with its terms are to be run.
         progress: Called about once a second.
 
     Raises:
@@ -120,6 +123,8 @@ def resume(
         TrainingError: As `train`.
     """
     run = Path(run)
+    if task is not None:
+        run_terms(task, run_settings.read(run))
     settings = run_settings.load(run)
     checkpoint.require_folder(run)
     trusted = with_encoder(settings.config, run, encoder)
@@ -157,7 +162,7 @@ class Trainer:
                     self._run(run, log, progress)
         now, collector = self._progress(self._mark()), session.collector
         if now.fraction >= 1:
-            refuse_diverged(collector.only_diverged(), run)
+            collector.refuse_diverged(run)
         return TrainSummary(
             run=run,
             steps=now.steps,

@@ -129,3 +129,11 @@ def test_a_list_of_words_and_its_way_through_json(text: str, expected: tuple[str
     saved = json.loads(json.dumps(config.to_dict()))
     assert saved == config.to_dict()
     assert TrainConfig.from_dict(saved, origin="saved") == config
+
+
+@pytest.mark.parametrize(("robots", "envs"), [(1, 128), (3, 43), (8, 16), (14, 16)])
+def test_few_robots_get_more_environments_each(robots: int, envs: int) -> None:
+    config = load_config().for_robots(robots)
+    assert config.trainer.num_envs == envs
+    assert config.for_robots(robots) == config
+    assert load_config("limb-former-2026-11").for_robots(robots).trainer.num_envs == 8

@@ -52,7 +52,7 @@ def test_benchmark_robots_have_their_task(robot: str, task: str, healthy: tuple[
 def test_robots_without_a_task_get_one_that_fits_their_base() -> None:
     assert task_for(body("fixed")).name == "raise"
     assert task_for(body("planar")).name == "locomotion"
-    assert task_for(body("free")).name == "locomotion"
+    assert task_for(body("free")).name == "walk"
     assert task_for(body("free", task="hopper")).name == "hopper"
     assert task_for(body("free", task="hopper"), "locomotion").name == "locomotion"
 
@@ -69,10 +69,10 @@ def test_forward_tasks_need_a_base_that_moves() -> None:
 
 @pytest.mark.parametrize("base", ["planar", "free"])
 def test_locomotion_is_filled_in_from_the_robot(base: str) -> None:
-    task = task_for(body(base))
+    task = task_for(body(base), "locomotion")
     assert task.frame_skip == 4  # 4 * 5 ms
     assert task.healthy_height == pytest.approx((0.4 * 0.1, 2.0 * 0.1))
-    own = task_for(body(base, healthy_height=(0.05, 3.0)))
+    own = task_for(body(base, healthy_height=(0.05, 3.0)), "locomotion")
     assert own.healthy_height == (0.05, 3.0)
 
 
@@ -132,7 +132,7 @@ def test_world_height_of_a_planar_base_without_ref() -> None:
 @pytest.mark.parametrize("base", ["planar", "free"])
 def test_forward_reward(base: str) -> None:
     simulation = body(base)
-    task = replace(task_for(simulation), alive_bonus=0.25, control_cost=0.0, forward_weight=2.0)
+    task = replace(task_for(simulation, "locomotion"), alive_bonus=0.25, control_cost=0.0, forward_weight=2.0)
     start = simulation.model.qpos0
     velocity = np.zeros(simulation.model.nv)
     velocity[0] = 1.5
