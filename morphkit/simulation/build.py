@@ -166,7 +166,7 @@ def _build(description: Description, *, base: Base | None, actuation: Actuation 
     if own_base is not None:
         start = stand(model, start, body_ids[0])
     start.flags.writeable = False
-    notes += _start_notes(model)
+    notes += _start_notes(model, start)
     if description.format == "urdf":
         notes += settle_timestep(spec, model, start, description.file)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -213,12 +213,13 @@ def _complete(
     return notes
 
 
-def _start_notes(model: mujoco.MjModel) -> list[str]:
-    outside = outside_limits(model)
-    if not outside:
+def _start_notes(model: mujoco.MjModel, start: np.ndarray) -> list[str]:
+    left = outside_limits(model, start)
+    moved = [joint for joint in outside_limits(model) if joint not in left]
+    if not moved:
         return []
-    names = ", ".join(outside[:_SHOWN_NAMES]) + (", ..." if len(outside) > _SHOWN_NAMES else "")
-    return [f"the zero pose of {len(outside)} joints lies outside of their limits, where none starts: {names}"]
+    names = ", ".join(moved[:_SHOWN_NAMES]) + (", ..." if len(moved) > _SHOWN_NAMES else "")
+    return [f"the zero pose of {len(moved)} joints lies outside of their limits, so they start elsewhere: {names}"]
 
 
 def _find_root(spec: mujoco.MjSpec, morphology: Morphology) -> Any:

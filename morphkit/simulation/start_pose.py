@@ -90,9 +90,9 @@ def stand(model: mujoco.MjModel, qpos: np.ndarray, root: int, touching: np.ndarr
     return qpos
 
 
-def outside_limits(model: mujoco.MjModel) -> list[str]:
-    """Names of the hinges and slides whose zero pose lies outside of their limits."""
-    values = model.qpos0[model.jnt_qposadr]
+def outside_limits(model: mujoco.MjModel, qpos: np.ndarray | None = None) -> list[str]:
+    """Names of the hinges and slides that lie outside of their limits in a pose, (nq,); None for the zero pose."""
+    values = (model.qpos0 if qpos is None else qpos)[model.jnt_qposadr]
     outside = (values < model.jnt_range[:, 0]) | (values > model.jnt_range[:, 1])
     single = np.isin(model.jnt_type, _SINGLE) & (model.jnt_limited > 0)
     return [model.joint(joint).name for joint in np.flatnonzero(single & outside)]

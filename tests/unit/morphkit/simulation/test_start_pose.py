@@ -156,3 +156,8 @@ def test_benchmark_bodies_start_in_the_zero_pose() -> None:
     for name in [each for robot in planar for each in (robot, *recipes(robot))]:
         simulation = build_simulation(load(name))
         np.testing.assert_array_equal(simulation.start, simulation.model.qpos0, err_msg=name)
+
+
+def test_joints_that_start_elsewhere_are_named() -> None:
+    assert any("so they start elsewhere: knee" in note for note in build_simulation(leg(), base="free").notes)
+    assert not any("zero pose" in note for note in build_simulation(leg(start="zero"), base="free").notes)
