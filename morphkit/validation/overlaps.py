@@ -41,11 +41,11 @@ def link_overlaps(spec: mujoco.MjSpec, file: str) -> list[dict[str, Any]]:
     model = compile_spec(spec, file)
     start = start_pose(model, "", file)
     group = model.body_weldid
-    tied = {(int(group[model.body_parentid[each]]), int(each)) for each in group}
+    tied = {frozenset((int(group[model.body_parentid[each]]), int(each))) for each in group}
     return [
         _named(model, pair, depth)
         for pair, depth in _deepest(model, start).items()
-        if (int(group[pair[0]]), int(group[pair[1]])) not in tied
+        if frozenset(group[list(pair)].tolist()) not in tied
     ]
 
 

@@ -37,6 +37,12 @@ def test_links_overlap_where_the_start_folds_them(tmp_path: Path) -> None:
     assert "cannot start" in urdf_conversion.examine(CHAIN, "r.urdf", str(tmp_path), {}, {"one": 9.0})["refused"]
 
 
+def test_what_is_fixed_to_a_neighbor_is_a_neighbor(tmp_path: Path) -> None:
+    source = CHAIN.replace("</robot>", LINK.format("d") + '<joint name="f" type="fixed"><parent link="a"/>')
+    source += '<child link="d"/><origin xyz="0 0 -.4"/></joint></robot>'
+    assert urdf_conversion.examine(source, "r.urdf", str(tmp_path), {}, "")["touching"] == []
+
+
 def test_a_robot_toml_next_to_the_file_counts(tmp_path: Path) -> None:
     (tmp_path / "r.urdf").write_text(CHAIN)
     (tmp_path / "robot.toml").write_text('file = "r.urdf"\nstart = {one = 3.1, two = -3.1}\n')
