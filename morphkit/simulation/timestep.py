@@ -12,8 +12,8 @@ from morphkit.simulation.completion import URDF_TIMESTEP_S
 from morphkit.simulation.mujoco_warnings import no_warnings
 
 _TIMESTEPS_S = tuple(URDF_TIMESTEP_S / 2**times for times in range(5))
-_DURATION_S = 2.0
-_HOLDS_S = (0.01, 0.04, 0.16, 0.64)
+_DURATION_S = 8.0
+_HOLDS_S = (0.01, 0.02, 0.04, 0.16, 0.64)
 _STEPS = 10
 _BROKEN = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
