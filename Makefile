@@ -2,7 +2,7 @@
 #   make demo                     a family of bodies, one policy, a body it never saw (SEED=1 MINUTES=5 for others)
 #   make test | lint | bench      tests; style, types and import rules; measured speeds
 #   make docs                     the documentation site, in build/site; a broken link or reference fails
-#   make corpus | fuzz            other people's robots, read and cut; attacks, for minutes (FUZZ_MINUTES=60 PART=xacro)
+#   make corpus | fuzz            other people's robots, read, converted, stepped and cut; attacks, for minutes (FUZZ_MINUTES=60 PART=xacro)
 # PYTHON=/path/to/python3.12 chooses the interpreter (3.11 or newer) that makes .venv.
 
 SHELL := bash
