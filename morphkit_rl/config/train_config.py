@@ -97,7 +97,7 @@ class TrainerConfig:
             each, and in all as many as counted steps.
         num_envs: Environments a robot; more where `total_envs` says so.
         total_envs: Environments of all robots together, at least: few robots get more each, so that a robot alone is
-            stepped as often for each update as a family; 0 for `num_envs` a robot.
+            stepped as often for each update as a family; 0 for `num_envs` a robot, as where that is changed by name.
         start_steps: Random environment steps, over all robots.
         start_steps_per_robot: The same as steps a robot; the larger of the two holds.
         updates_per_sweep: Updates after each step of all environments, of the schedule `sweeps`.
@@ -204,4 +204,7 @@ def load_config(preset: str | Path = "default", overrides: Sequence[str] = ()) -
         raise ConfigError(f"{origin}: not valid TOML: {error}") from None
     for text in overrides:
         override(values, text)
+    changed = [text.partition("=")[0].strip() for text in overrides]
+    if "trainer.num_envs" in changed and "trainer.total_envs" not in changed:
+        override(values, "trainer.total_envs=0")  # the number that somebody asks for holds
     return TrainConfig.from_dict(values, origin=origin)

@@ -137,3 +137,4 @@ def test_few_robots_get_more_environments_each(robots: int, envs: int) -> None:
     assert config.trainer.num_envs == envs
     assert config.for_robots(robots) == config
     assert load_config("limb-former-2026-11").for_robots(robots).trainer.num_envs == 8
+    assert load_config(overrides=["trainer.num_envs=4"]).for_robots(robots).trainer.num_envs == 4
