@@ -25,8 +25,12 @@ if TYPE_CHECKING:
     from morphkit_rl.envs.batch_env import BatchEnv
     from morphkit_rl.envs.gym_env import MorphEnv
     from morphkit_rl.envs.gym_vector_env import MorphVectorEnv
+    from morphkit_rl.envs.reward_terms import reward_term
     from morphkit_rl.envs.robot import prepare
-    from morphkit_rl.envs.tasks import Task, task_for
+    from morphkit_rl.envs.robot_arrays import RobotArrays
+    from morphkit_rl.envs.task_file import load_task
+    from morphkit_rl.envs.task_settings import Task
+    from morphkit_rl.envs.tasks import task_for
     from morphkit_rl.evaluation.evaluate import RobotResult, evaluate
     from morphkit_rl.models import load_published
     from morphkit_rl.training.progress import TrainSummary
@@ -39,8 +43,12 @@ _MODULES = {
     "morphkit_rl.envs.batch_env": ("BatchEnv",),
     "morphkit_rl.envs.gym_env": ("MorphEnv",),
     "morphkit_rl.envs.gym_vector_env": ("MorphVectorEnv",),
+    "morphkit_rl.envs.reward_terms": ("reward_term",),
     "morphkit_rl.envs.robot": ("prepare",),
-    "morphkit_rl.envs.tasks": ("Task", "task_for"),
+    "morphkit_rl.envs.robot_arrays": ("RobotArrays",),
+    "morphkit_rl.envs.task_file": ("load_task",),
+    "morphkit_rl.envs.task_settings": ("Task",),
+    "morphkit_rl.envs.tasks": ("task_for",),
     "morphkit_rl.evaluation.evaluate": ("RobotResult", "evaluate"),
     "morphkit_rl.models": ("load_published",),
     "morphkit_rl.training.progress": ("TrainSummary",),
@@ -55,6 +63,7 @@ __all__ = [
     "MorphEnv",
     "MorphVectorEnv",
     "Policy",
+    "RobotArrays",
     "RobotResult",
     "Task",
     "TrainConfig",
@@ -62,9 +71,11 @@ __all__ = [
     "evaluate",
     "load_config",
     "load_published",
+    "load_task",
     "prepare",
     "presets",
     "resume",
+    "reward_term",
     "task_for",
     "train",
 ]
