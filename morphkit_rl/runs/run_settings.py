@@ -176,18 +176,19 @@ def load(run: Path) -> RunSettings:
 
     Raises:
         CheckpointError: The run folder is missing or damaged.
+        ConfigError: Its task has terms that are unknown.
     """
     saved = read(run)
+    task = saved_task.from_json(saved, str(run / CONFIG))
     try:
         robots, validation = (
             tuple(robot_entry.from_json(run, entry) for entry in saved.get(part, ()))
             for part in ("robots", "validation")
         )
         fields = {name: saved[name] for name in ("base", "seed", "minutes", "steps", "device", "threads")}
-        fields["task"] = saved_task.from_json(saved, str(run / CONFIG))
         config = train_config(run, saved)
         hold_out = tuple(saved["hold_out"])
-        return RunSettings(robots=robots, validation=validation, hold_out=hold_out, config=config, **fields)
+        return RunSettings(robots=robots, validation=validation, hold_out=hold_out, config=config, task=task, **fields)
     except (OSError, ConfigError) as error:
         raise CheckpointError(f"{run / CONFIG}: damaged: {error}") from None
 
