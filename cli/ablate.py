@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
@@ -15,6 +14,7 @@ import typer
 
 from . import ablate_report as report
 from . import common
+from .terminal import note, one_line, write
 
 if TYPE_CHECKING:
     from morphkit.ablation.ablate import Cutter, Variant
@@ -139,9 +139,9 @@ def ablate(
         common.print_json({"folder": str(folder), **json.loads(manifest.read_text(encoding="utf-8"))})
     elif not quiet:
         written = f"{common.count(tally.made, 'variant')} and {manifest.name}"
-        sys.stdout.write(f"{tally.text()}\nwritten: {folder}/ ({written})\n")
+        write(f"{tally.text()}\nwritten: {one_line(str(folder))}/ ({written})\n")
     for each in tally.failed:
-        typer.echo(f"failed: {each.name}: {each.reason}", err=True)
+        note(f"failed: {each.name}: {each.reason}")
     problems = [*notes, *(_refused(manifest, source, jobs) if check and not notes else ())]
     for problem in problems:
         common.complain(problem)
@@ -224,4 +224,4 @@ def _show_plan(cutter: Cutter, variants: Iterator[Made], tally: report.Tally, *,
     last = deque(variants, maxlen=1)  # of a family the tally has what is shown
     if not quiet:
         tree = "" if tally.every else report.tree(cutter.morphology, last[0]) + "\n"
-        sys.stdout.write(f"{tree}{tally.text()}\nnothing written: dry run\n")
+        write(f"{tree}{tally.text()}\nnothing written: dry run\n")

@@ -11,6 +11,7 @@ from morphkit.errors import MorphkitError
 
 from . import common
 from .table import table, terminal_width
+from .terminal import one_line
 
 if TYPE_CHECKING:
     from morphkit.ablation.ablate import Cutter, Variant
@@ -81,7 +82,7 @@ def matches(cutter: Cutter, wish: Mapping[str, Sequence[str]], *, mirror: bool) 
             images = [cutter.counterparts().get(name, name) for name in matched] if mirror else []
             others = [name for name in dict.fromkeys(images) if name not in matched]
             along = f"; mirrored: {', '.join(others)}" if others else ""
-            lines.append(f"{verb} '{pattern}' matched: {', '.join(matched)}{along}\n")
+            lines.append(one_line(f"{verb} '{pattern}' matched: {', '.join(matched)}{along}") + "\n")
     return "".join(lines)
 
 
@@ -105,6 +106,7 @@ def tree(morphology: Morphology, made: Made) -> str:
                 add(child, rest + bend, rest + line)
 
     add(morphology.root.name, "", "")
+    rows = [(one_line(name), what) for name, what in rows]
     width = max(len(name) for name, _ in rows) + 2
     return "".join(f"{name.ljust(width)}✗ {what}\n" if what else f"{name}\n" for name, what in rows)
 
@@ -150,7 +152,7 @@ def with_progress(made: Iterator[Made], *, limit: int | None, quiet: bool) -> It
 
 def _variant(variant: Variant) -> str:
     lines = [
-        f"{word + ':':<10}{', '.join(limbs)}\n"
+        one_line(f"{word + ':':<10}{', '.join(limbs)}") + "\n"
         for word, limbs in (("removed", variant.removed), ("spliced", variant.spliced), ("left", variant.limbs))
         if limbs
     ]

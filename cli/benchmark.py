@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,6 +10,7 @@ import typer
 
 from . import common
 from .table import table, terminal_width
+from .terminal import note, one_line, write
 
 if TYPE_CHECKING:
     from morphkit_rl.benchmark.cells import Status
@@ -73,16 +73,16 @@ def robots(
         for row in rows
     ]
     columns = ("name", *splits, "expert", "limbs")
-    sys.stdout.write(table(columns, cells, right=("expert",), fold=True, width=terminal_width()))
+    write(table(columns, cells, right=("expert",), fold=True, width=terminal_width()))
 
 
 def _draw(bodies: Sequence[Any], png: Path) -> None:
     from morphkit.simulation.build import build_simulation
     from morphkit.viewer.media import family_sheet
 
-    typer.echo(f"drawing {common.count(len(bodies), 'body')}", err=True)
+    note(f"drawing {common.count(len(bodies), 'body')}")
     family_sheet([build_simulation(body) for body in bodies], png, columns=8, width=240, height=200)
-    typer.echo(f"picture: {png}", err=True)
+    note(f"picture: {png}")
 
 
 def status(
@@ -110,10 +110,11 @@ def print_cells(found: Sequence[Status], *, as_json: bool = False) -> None:
         for row in map(_cell, found)
     ]
     columns = ("split", "task", "method", "seed", "state", "steps", "detail")
-    sys.stdout.write(table(columns, cells, right=numbers, fold=True, width=terminal_width()))
+    write(table(columns, cells, right=numbers, fold=True, width=terminal_width()))
     states = [each.state for each in found]
     counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(sorted(states)))
-    typer.echo(f"\n{common.count(len(found), 'cell')}: {counts}", err=True)
+    note("")
+    note(f"{common.count(len(found), 'cell')}: {counts}")
 
 
 def _cell(each: Status) -> dict[str, Any]:
@@ -150,4 +151,4 @@ def report(
         sys.stdout.write((folder / MARKER).read_text("utf-8"))
         return
     for path in written:
-        sys.stdout.write(f"{path}\n")
+        write(f"{one_line(str(path))}\n")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -11,6 +10,7 @@ import typer
 from . import common
 from .benchmark import FILE_HELP
 from .table import table, terminal_width
+from .terminal import note, one_line, write
 
 if TYPE_CHECKING:
     from morphkit_rl.evaluation.episodes import RobotReturns
@@ -54,14 +54,14 @@ def random(
     results = []
     for result in random_returns(descriptions, episodes, seed):
         results.append(result)
-        typer.echo(f"{len(results)}/{len(descriptions)} {result.robot}", err=True)
+        note(f"{len(results)}/{len(descriptions)} {result.robot}")
     if printed == "json":
         common.print_json([_record(result) for result in results])
     elif printed == "markdown":
         rows = [COLUMNS, ("---", *["---:"] * (len(COLUMNS) - 1)), *map(_cells, results)]
-        sys.stdout.write("".join(f"| {' | '.join(row)} |\n" for row in rows))
+        write("".join(one_line(f"| {' | '.join(row)} |") + "\n" for row in rows))
     else:
-        sys.stdout.write(table(COLUMNS, list(map(_cells, results)), right=COLUMNS[1:], width=terminal_width()))
+        write(table(COLUMNS, list(map(_cells, results)), right=COLUMNS[1:], width=terminal_width()))
 
 
 def _cells(result: RobotReturns) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ import typer
 
 from . import common
 from .benchmark import FILE_HELP, print_cells
+from .terminal import note
 
 if TYPE_CHECKING:
     from morphkit_rl.benchmark.cells import MatrixPlan
@@ -87,15 +88,15 @@ def run(
         for each in run_matrix(plans, out, watch=watch, device=device):
             found.append(each)
             if each.state == "failed":
-                typer.echo(f"{each.cell}: failed: {each.detail}; see {each.folder / 'failure.json'}", err=True)
+                note(f"{each.cell}: failed: {each.detail}; see {each.folder / 'failure.json'}")
             elif not quiet and each.state != "done":
-                typer.echo(f"{each.cell}: {each.state}: {each.detail}", err=True)
+                note(f"{each.cell}: {each.state}: {each.detail}")
     except KeyboardInterrupt:
-        typer.echo(f"{len(found)} of {common.count(len(plans), 'cell')} behind; the same command goes on", err=True)
+        note(f"{len(found)} of {common.count(len(plans), 'cell')} behind; the same command goes on")
         raise
     if as_json or not quiet:
         print_cells(found, as_json=as_json)
     if not quiet and not as_json:
-        typer.echo(f"next: morphkit benchmark report {out}", err=True)
+        note(f"next: morphkit benchmark report {out}")
     if any(each.state == "failed" for each in found):
         raise typer.Exit(1)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from . import common
+from .terminal import assembled, line, write
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -90,13 +90,13 @@ def check(
         if sarif is not None and str(sarif) != "-":
             common.write_text(sarif, _sarif(reports))
         if printed == "sarif":
-            sys.stdout.write(_sarif(reports))
+            write(_sarif(reports))
         elif printed == "json":
             common.print_json({"schema_version": SCHEMA_VERSION, "files": [report.to_json() for report in reports]})
         else:
             _print(reports)
     if unreadable:
-        raise DescriptionError("\n".join(map(str, unreadable)))
+        raise DescriptionError("\n  ".join(map(str, unreadable)))
     if any(report.count("error") for report in reports):
         raise typer.Exit(1)
 
@@ -165,7 +165,6 @@ def _explain(rule_id: str, *, as_json: bool) -> None:
 
 def _print(reports: Sequence[Report]) -> None:
     from rich.console import Group
-    from rich.text import Text
 
     from .terminal import show
 
@@ -173,12 +172,12 @@ def _print(reports: Sequence[Report]) -> None:
         if report.findings:
             show(Group(_table(report), _advice(report)))
         for rule, number in report.omitted.items():
-            show(Text(f"{report.file}: {number} more of {rule}"))
+            show(line(f"{report.file}: {number} more of {rule}"))
     for report in reports:
         counts = [(report.count(level), level) for level in ("error", "warning", "info")]
         said = ", ".join(_counted(number, level) for number, level in counts if number)
         style = next((COLORS[level] for number, level in counts if number), "green")
-        show(Text.assemble(f"{report.file}: ", (said or "no findings", style)))
+        show(assembled(f"{report.file}: ", (said or "no findings", style)))
 
 
 def _counted(number: int, level: str) -> str:
@@ -187,15 +186,14 @@ def _counted(number: int, level: str) -> str:
 
 def _table(report: Report) -> Table:
     from rich.table import Table
-    from rich.text import Text
 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=False)
     for _ in range(3):
         table.add_column(no_wrap=True)
     table.add_column(overflow="fold", ratio=1)
     for found in report.findings:
-        severity = Text(found.severity, style=COLORS[found.severity])
-        table.add_row(severity, Text(found.place), Text(found.rule, style="bold"), Text(found.message))
+        severity = line(found.severity, COLORS[found.severity])
+        table.add_row(severity, line(found.place), line(found.rule, "bold"), line(found.message))
     return table
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -11,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from morphkit.errors import OutputError
+
+from .terminal import label, note, write
 
 if TYPE_CHECKING:
     from morphkit.description import Description
@@ -87,8 +88,8 @@ class UsageError(typer.BadParameter):
 
 def complain(message: str) -> None:
     """Print an error on stderr."""
-    typer.secho("error:", fg="red", bold=True, nl=False, err=True)
-    typer.echo(f" {message}", err=True)
+    label("error:", "red")
+    note(f" {message}")
 
 
 def output_format(asked: str | None, default: str, *, as_json: bool) -> str:
@@ -104,7 +105,7 @@ def output_format(asked: str | None, default: str, *, as_json: bool) -> str:
 
 def print_json(value: Any) -> None:
     """Print `value` on stdout as JSON, with two spaces of indentation; infinite and undefined numbers become null."""
-    sys.stdout.write(json.dumps(_finite(value), indent=2, allow_nan=False) + "\n")
+    write(json.dumps(_finite(value), indent=2, allow_nan=False) + "\n")
 
 
 def _finite(value: Any) -> Any:

@@ -9,6 +9,7 @@ import typer
 
 from . import common
 from .table import table, terminal_width
+from .terminal import one_line, write
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -62,7 +63,7 @@ def convert(
     if as_json:
         common.print_json(_to_json(conversion, written))
     else:
-        typer.echo(_text(conversion, written), nl=False)
+        write(_text(conversion, written))
 
 
 def _to_json(conversion: Conversion, written: Sequence[Path]) -> dict[str, Any]:
@@ -93,15 +94,17 @@ def _text(conversion: Conversion, written: Sequence[Path]) -> str:
             (conversion.motors, "motor"),
         )
     )
-    lines = [f"{conversion.description.file}: {size}, {conversion.mass:.4g} kg, base {conversion.base}\n"]
-    lines += [f"  {note}\n" for note in conversion.notes]
+    lines = [
+        one_line(f"{conversion.description.file}: {size}, {conversion.mass:.4g} kg, base {conversion.base}") + "\n"
+    ]
+    lines += [f"  {one_line(note)}\n" for note in conversion.notes]
     if conversion.missing:
         lines.append("\nwithout counterpart in MJCF:\n")
         columns = ("kind", "number", "why", "names")
         rows = _grouped(conversion.missing)
         lines.append(table(columns, rows, right=["number"], fold=True, width=terminal_width()))
     meshes = f" and {common.count(len(written) - 1, 'file')} in {written[1].parent}/" if len(written) > 1 else ""
-    lines.append(f"\nwritten: {written[0]}{meshes}\n")
+    lines.append("\n" + one_line(f"written: {written[0]}{meshes}") + "\n")
     return "".join(lines)
 
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from . import common
+from .terminal import note
 
 EXAMPLES = (
     "morphkit diff cheetah cheetah_3_balanced",
@@ -40,8 +41,8 @@ def diff(
     a, b = common.load_robots(first, second, root=root, package=package, xacro_arg=xacro_arg, trust_xacro=trust_xacro)
     comparison = compare(a, b, tolerance=tolerance)
     for robot, facts in ((first, comparison.first), (second, comparison.second)):
-        for note in facts.notes:
-            typer.echo(f"note: {robot}: {note.splitlines()[0]}", err=True)
+        for text in facts.notes:
+            note(f"note: {robot}: {text.splitlines()[0]}")
     if as_json:
         common.print_json(comparison.to_dict())
     else:

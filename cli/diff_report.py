@@ -15,6 +15,8 @@ from morphkit.comparison.compare import Change, Comparison, counts
 from morphkit.comparison.properties import Value
 from morphkit.morphology import Morphology
 
+from .terminal import assembled, line, one_line
+
 _GONE, _NEW, _CHANGED, _QUIET, _BOLD = "red", "green", "yellow", "dim", "bold"
 _SIGNS = {"removed": ("-", _GONE), "added": ("+", _NEW)}
 _TOKENS = ("sensor token", "actuator token")
@@ -46,14 +48,14 @@ def _numbers(comparison: Comparison) -> Table:
         other = after[name]
         change = Text()
         if one is not None and other is not None and not math.isclose(one, other, rel_tol=1e-6):
-            change = Text(f"{other - one:+.4g}", style=_NEW if other > one else _GONE)
+            change = line(f"{other - one:+.4g}", _NEW if other > one else _GONE)
         unit = ", kg" if name == "mass" else ""
         table.add_row(name.replace("_", " ") + unit, _number(one), _number(other), change)
     return table
 
 
 def _title(robot: Morphology) -> str:
-    return f"{robot.name} ({robot.format.upper()})"
+    return one_line(f"{robot.name} ({robot.format.upper()})")
 
 
 def _number(value: float | None) -> str:
@@ -110,7 +112,7 @@ def _tree(comparison: Comparison) -> Tree:
         untouched = [child for child in children if not merged.touched(child)]
         if untouched:
             same = [name for child in untouched for _, name in merged.below(child)]
-            branch.add(Text(f"{_count(len(same), 'limb')} without change: {_some(same)}", style=_QUIET))
+            branch.add(line(f"{_count(len(same), 'limb')} without change: {_some(same)}", _QUIET))
         pending += [(branch, child) for child in reversed(children) if child not in untouched]
     loose = [change for change in merged.changes.get(None, []) if change.subject != "robot"]
     if loose:
@@ -123,14 +125,14 @@ def _limb(name: str, changes: Sequence[Change], comparison: Comparison) -> Text:
     if fate is not None:
         sign, style = _SIGNS[fate]
         facts = (comparison.second if fate == "added" else comparison.first).limbs[name]
-        text = Text.assemble((f"{sign} {name}", f"{_BOLD} {style}"), (f"  {_contents(changes)}", style))
+        text = assembled((f"{sign} {name}", f"{_BOLD} {style}"), (f"  {_contents(changes)}", style))
         return text.append(f"; {facts['mass']:.4g} kg", style=style) if facts.get("mass") else text
     if not changes:
-        return Text(f"  {name}", style=_QUIET)
+        return line(f"  {name}", _QUIET)
     new_name = next((c.new_name for c in changes if c.subject == "limb" and c.kind == "renamed"), None)
-    title = Text.assemble((f"~ {name}", f"{_BOLD} {_CHANGED}"))
+    title = assembled((f"~ {name}", f"{_BOLD} {_CHANGED}"))
     if new_name is not None:
-        title.append(f" -> {new_name}", style=f"{_BOLD} {_CHANGED}")
+        title.append_text(line(f" -> {new_name}", f"{_BOLD} {_CHANGED}"))
     rest = [change for change in changes if not (change.subject == "limb" and change.kind == "renamed")]
     return Text("\n").join([title, *_lines(rest)])
 
@@ -157,15 +159,15 @@ def _lines(changes: Sequence[Change]) -> list[Text]:
                 lines.append(_changed(change))
         elif change.kind in _SIGNS and not token:
             sign, style = _SIGNS[change.kind]
-            lines.append(Text(f"{sign} {change.subject} {change.name}", style=style))
+            lines.append(line(f"{sign} {change.subject} {change.name}", style))
         elif change.kind == "renamed" and not token:
-            lines.append(Text(f"~ {change.subject} {change.name} -> {change.new_name}", style=_CHANGED))
+            lines.append(line(f"~ {change.subject} {change.name} -> {change.new_name}", _CHANGED))
     for subject in _TOKENS:
         lines += _token_lines([change for change in changes if change.subject == subject])
     order = Counter(change.subject for change in changes if change.kind == "reordered")
     if order:
         what = ", ".join(_count(number, subject) for subject, number in order.items())
-        lines.append(Text(f"~ elsewhere in the order: {what}", style=_CHANGED))
+        lines.append(line(f"~ elsewhere in the order: {what}", _CHANGED))
     return lines
 
 
@@ -176,18 +178,18 @@ def _token_lines(changes: Sequence[Change]) -> Iterable[Text]:
             sign, style = _SIGNS.get(kind, ("~", _CHANGED))
             new_name = f" -> {some[0].new_name}" if kind == "renamed" else ""
             more = f" and {len(some) - 1} more" if len(some) > 1 else ""
-            yield Text(f"{sign} {_count(len(some), some[0].subject)} {word}{some[0].name}{new_name}{more}", style=style)
+            yield line(f"{sign} {_count(len(some), some[0].subject)} {word}{some[0].name}{new_name}{more}", style)
 
 
 def _changed(change: Change) -> Text:
     subject = f"{change.subject} {change.name} " if change.subject not in ("limb", "robot") else ""
-    text = Text.assemble((f"~ {subject}{change.fact} ", _CHANGED))
+    text = assembled((f"~ {subject}{change.fact} ", _CHANGED))
     if change.fact == "fixed to it":
         return text.append_text(_names(change.before, change.after))
     before, after = (_value(change, value) for value in (change.before, change.after))
-    text.append(before, style=_GONE)
+    text.append_text(line(before, _GONE))
     text.append(" -> ")
-    text.append(after, style=_NEW)
+    text.append_text(line(after, _NEW))
     one, other = change.before, change.after
     if isinstance(one, float) and isinstance(other, float) and one:
         text.append(f"  ({100 * (other - one) / abs(one):+.3g} %)", style=_QUIET)
@@ -201,7 +203,7 @@ def _names(before: Value, after: Value) -> Text:
     for sign, one, other in (("-", lists[0], lists[1]), ("+", lists[1], lists[0])):
         names = [str(name) for name in one if name not in other]
         if names:
-            text.append(" " if text else "").append(f"{sign} {_some(names)}", style=_GONE if sign == "-" else _NEW)
+            text.append(" " if text else "").append_text(line(f"{sign} {_some(names)}", _GONE if sign == "-" else _NEW))
     return text or Text("in another order", style=_CHANGED)
 
 

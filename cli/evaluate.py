@@ -14,6 +14,7 @@ import typer
 
 from . import common
 from .table import table, terminal_width
+from .terminal import label, note, write
 
 if TYPE_CHECKING:
     import numpy as np
@@ -93,7 +94,7 @@ def evaluate(
     else:
         _print_table(found)
         spent = common.duration(state["elapsed_s"])
-        typer.echo(f"\ntrained for {common.count(state['steps'], 'step')}, in {spent} ({folder.name})", err=True)
+        note(f"\ntrained for {common.count(state['steps'], 'step')}, in {spent} ({folder.name})")
     _say_diverged(found)
     films = _films(run, bodies, video, seed=seed, **where) if video is not None else iter(())
     if track is None:
@@ -150,7 +151,7 @@ def _cells(found: Sequence[RobotResult]) -> list[tuple[str, ...]]:
 
 
 def _print_table(found: Sequence[RobotResult]) -> None:
-    sys.stdout.write(table(COLUMNS, _cells(found), right=COLUMNS[2:], dispensable=("std",), width=terminal_width()))
+    write(table(COLUMNS, _cells(found), right=COLUMNS[2:], dispensable=("std",), width=terminal_width()))
 
 
 def _say_diverged(found: Sequence[RobotResult]) -> None:
@@ -158,7 +159,7 @@ def _say_diverged(found: Sequence[RobotResult]) -> None:
         for count, whose in ((result.diverged, ""), (result.random_diverged, " of the random policy")):
             if count:
                 every = "every episode" if count == len(result.returns) else common.count(count, "episode")
-                typer.echo(f"{result.robot}: {every}{whose} ended because the simulation diverged", err=True)
+                note(f"{result.robot}: {every}{whose} ended because the simulation diverged")
 
 
 class _Film(NamedTuple):
@@ -195,14 +196,14 @@ def _films(run: Path, bodies: Sequence[Description], video: Path, **options: Any
 
     for body in bodies:
         path = video if len(bodies) == 1 else video.with_name(f"{video.stem}-{body.name}{video.suffix}")
-        typer.echo(f"filming {body.name}", err=True)
+        note(f"filming {body.name}")
         simulation, qpos, fps = record(run, body, **options)
         film = _Film(body.name, path, simulation, *resample(qpos, fps))
         try:
             film.write(path)
         except DependencyError as error:
-            typer.secho("warning:", fg="yellow", bold=True, nl=False, err=True)
-            typer.echo(f" no video: {error}", err=True)
+            label("warning:", "yellow")
+            note(f" no video: {error}")
             return
-        typer.echo(f"video: {path}", err=True)
+        note(f"video: {path}")
         yield film

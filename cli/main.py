@@ -30,6 +30,7 @@ from . import (
     tokens,
     train,
 )
+from .terminal import guard_warnings, note
 from .termination import Termination
 
 INTERRUPTED = 130
@@ -98,7 +99,7 @@ def _usage_error(error: Exception) -> int:
     common.complain(describe().replace("Value error, ", ""))
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "morphkit"
-    typer.echo(f"Try '{command} --help'.", err=True)
+    note(f"Try '{command} --help'.")
     return int(getattr(error, "exit_code", 2))
 
 
@@ -123,10 +124,11 @@ def run(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("GOMP_SPINCOUNT", "1000")
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # what a Latin-1 terminal lacks, and file names that are no text
+    guard_warnings()
     with Termination() as termination:
         code = _run(arguments)
     if code == INTERRUPTED:
-        typer.echo("terminated" if termination.came else "interrupted", err=True)
+        note("terminated" if termination.came else "interrupted")
         return TERMINATED if termination.came else INTERRUPTED
     return code
 

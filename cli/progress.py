@@ -8,6 +8,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from . import common
+from .terminal import line
 
 if TYPE_CHECKING:
     from morphkit_rl.training.progress import Progress
@@ -52,20 +53,19 @@ class ProgressDisplay:
         if self._quiet:
             return
         if self._title:
-            self._console.print(self._title)
+            self._console.print(line(self._title))
             self._title = ""
             if self._console.is_terminal:
                 self._start_bar()
         if self._live is not None:
             from rich.console import Group
-            from rich.text import Text
 
             self._bar.update(self._task, completed=progress.fraction)
-            lines = (Text(rates(progress)), Text(returns(progress)))
+            lines = (line(rates(progress)), line(returns(progress)))
             self._live.update(Group(self._bar, *lines), refresh=True)
         elif progress.elapsed_s >= self._next_line_s:
             self._next_line_s = progress.elapsed_s + LINE_INTERVAL_S
-            self._console.print(f"{progress.fraction:4.0%}  {rates(progress)}; {returns(progress)}")
+            self._console.print(line(f"{progress.fraction:4.0%}  {rates(progress)}; {returns(progress)}"))
 
     def say(self, sentence: str) -> None:
         """Print a sentence of its own."""

@@ -6,12 +6,15 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from rich.text import Text
 from rich.tree import Tree
 
 from morphkit.morphology import Actuator, Joint, Limb, Morphology
 
+from .terminal import assembled, line
+
 if TYPE_CHECKING:
+    from rich.text import Text
+
     from morphkit.simulation.limb_inertia import LimbMass
 
 _NAME, _TYPE, _JOINT, _ACTUATOR, _QUIET = "bold cyan", "magenta", "green", "yellow", "dim"
@@ -36,7 +39,7 @@ def tree(
         branches[limb.name] = branches[limb.parent].add(_limb_text(limb, joints, morphology, masses))
     loose = [actuator for actuator in morphology.actuators if actuator.limb is None]
     if loose:
-        branch = root.add(Text("actuators that drive no single limb", style=_QUIET))
+        branch = root.add(line("actuators that drive no single limb", _QUIET))
         for actuator in loose:
             branch.add(_actuator_text(actuator))
     return root
@@ -53,7 +56,7 @@ def _title(morphology: Morphology, masses: Mapping[str, LimbMass | None] | None)
     if masses is not None:
         known = [mass.mass for mass in masses.values() if mass is not None]
         facts.append(f"{'' if len(known) == len(masses) else 'at least '}{sum(known):.4g} kg")
-    return Text.assemble((morphology.name, "bold"), ("  " + " · ".join(facts), _QUIET))
+    return assembled((morphology.name, "bold"), ("  " + " · ".join(facts), _QUIET))
 
 
 def _count(number: int, what: str) -> str:
@@ -63,9 +66,9 @@ def _count(number: int, what: str) -> str:
 def _limb_text(
     limb: Limb, joints: Sequence[Joint], morphology: Morphology, masses: Mapping[str, LimbMass | None] | None
 ) -> Text:
-    text = Text.assemble((limb.name, _NAME))
+    text = assembled((limb.name, _NAME))
     if limb.type is not None:
-        text.append(f"  {limb.type}", style=_TYPE)
+        text.append_text(line(f"  {limb.type}", _TYPE))
     if masses is not None:
         mass = masses[limb.name]
         text.append("  mass unknown" if mass is None else f"  {mass.mass:.4g} kg", style=_QUIET)
@@ -83,7 +86,7 @@ def _limb_text(
             text.append_text(_actuator_text(actuator))
     fixed = [member for member in limb.members if member != limb.name]
     if fixed:
-        text.append(f"\nfixed to it: {', '.join(fixed)}", style=_QUIET)
+        text.append("\n").append_text(line(f"fixed to it: {', '.join(fixed)}", _QUIET))
     return text
 
 
@@ -94,11 +97,11 @@ def _joint_text(joint: Joint) -> Text:
         extent = f"{joint.low:.4g} to {joint.high:.4g} m"
     else:
         extent = f"{math.degrees(joint.low):.1f} to {math.degrees(joint.high):.1f}°"
-    return Text.assemble((f"{joint.kind} ", _QUIET), (joint.name, _JOINT), f" {extent}")
+    return assembled((f"{joint.kind} ", _QUIET), (joint.name, _JOINT), f" {extent}")
 
 
 def _actuator_text(actuator: Actuator) -> Text:
     unit = "" if actuator.unit == "1" else f" {actuator.unit}"
     bounded = math.isfinite(actuator.low) and math.isfinite(actuator.high)
     extent = f"{actuator.low:.4g} to {actuator.high:.4g}{unit}" if bounded else f"unbounded{unit}"
-    return Text.assemble(("actuator ", _QUIET), (actuator.name, _ACTUATOR), f" {extent}")
+    return assembled(("actuator ", _QUIET), (actuator.name, _ACTUATOR), f" {extent}")

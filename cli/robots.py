@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from . import common
 from .table import table, terminal_width
+from .terminal import note, write
 
 if TYPE_CHECKING:
     from morphkit.description import Description
@@ -36,11 +36,10 @@ def robots(
     numbers = ("limbs", "joints", "actuators")
     columns = ("name", "family", *numbers, "base", "task", "description")
     cells = [[str(row[column] if row[column] is not None else "-") for column in columns] for row in rows]
-    sys.stdout.write(
-        table(columns, cells, right=numbers, dispensable=("family", "joints"), fold=True, width=terminal_width())
-    )
+    write(table(columns, cells, right=numbers, dispensable=("family", "joints"), fold=True, width=terminal_width()))
     recipes = sum(len(row["recipes"]) for row in rows)
-    typer.echo(f"\n{common.count(recipes, 'recipe')} of bodies cut from them: morphkit robots --json", err=True)
+    note("")
+    note(f"{common.count(recipes, 'recipe')} of bodies cut from them: morphkit robots --json")
 
 
 def _row(description: Description) -> dict[str, Any]:

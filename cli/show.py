@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from . import common
+from .terminal import note
 
 if TYPE_CHECKING:
     from morphkit.description import Description
@@ -85,7 +86,7 @@ def _draw(description: Description, path: Path) -> None:
     mechanics = load_mechanics(description)
     _say(mechanics.notes)
     write_png(portrait(mechanics), path)
-    typer.echo(f"picture: {path}", err=True)
+    note(f"picture: {path}")
 
 
 def _film(description: Description, path: Path) -> None:
@@ -110,7 +111,7 @@ def _film(description: Description, path: Path) -> None:
         disable=not console.is_terminal,
     )
     write_video(frames, path, FPS)
-    typer.echo(f"film: {path}", err=True)
+    note(f"film: {path}")
 
 
 def _browse(description: Description, robot: str, port: int | None, root: str | None) -> None:
@@ -122,11 +123,11 @@ def _browse(description: Description, robot: str, port: int | None, root: str | 
         command=command,
         port=port if port is not None else DEFAULT_PORT,
         search=port is None,
-        ready=lambda url: typer.echo(f"{url} shows {description.name}; Ctrl-C ends it", err=True),
+        ready=lambda url: note(f"{url} shows {description.name}; Ctrl-C ends it"),
         note=lambda text: _say([text]),
     )
 
 
 def _say(notes: list[str] | tuple[str, ...]) -> None:
-    for note in notes:
-        typer.echo(f"note: {note.splitlines()[0]}", err=True)
+    for text in notes:
+        note(f"note: {text.splitlines()[0]}")

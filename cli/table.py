@@ -7,6 +7,8 @@ import textwrap
 from collections.abc import Sequence
 from shutil import get_terminal_size
 
+from .terminal import one_line
+
 GAP = "  "
 FOLD_WIDTH = 24
 """Narrowest that the last column gets when it is folded."""
@@ -39,6 +41,7 @@ def table(
     Returns:
         Heading, rule and rows, with a newline at the end.
     """
+    rows = [[one_line(cell) for cell in cells] for cells in rows]
     widths = {name: max(map(len, (name, *cells))) for name, *cells in zip(columns, *rows, strict=True)}
     shown, last = list(columns), columns[-1]
 

@@ -1,14 +1,70 @@
-"""Colored text on stdout."""
+"""What reaches a terminal: text without control characters, whatever the names in it are; colors are our own."""
 
 from __future__ import annotations
 
+import json
+import re
 import sys
+import warnings
 from typing import TYPE_CHECKING
 
+import typer
+
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from rich.console import Console, RenderableType
+    from rich.text import Text
 
 _UNBROKEN = 10_000
+# Control characters but the newline, soft hyphen, and what hides text or changes its direction; halves of surrogates.
+_UNSAFE = re.compile(
+    "[\x00-\x09\x0b-\x1f\x7f-\x9f\xad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb"
+    "\ud800-\udfff\U000e0000-\U000e007f]"
+)
+
+
+def printable(text: str) -> str:
+    """Text with control characters, hidden ones and such that change its direction written as `\\x1b` or `\\u202e`."""
+    return _UNSAFE.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+
+
+def one_line(text: str) -> str:
+    """What `printable` gives, with newlines written as `\\n`: for names, which are not to begin a line."""
+    return printable(text).replace("\n", "\\n")
+
+
+def line(text: str, style: str = "") -> Text:
+    """A line for rich."""
+    from rich.text import Text
+
+    return Text(one_line(text), style=style)
+
+
+def assembled(*parts: str | tuple[str, str]) -> Text:
+    """A line for rich of parts, each a text or a text and its style."""
+    from rich.text import Text
+
+    return Text.assemble(*(one_line(part) if isinstance(part, str) else (one_line(part[0]), part[1]) for part in parts))
+
+
+def write(text: str) -> None:
+    """Write text to stdout."""
+    sys.stdout.write(printable(text))
+
+
+def write_json(text: str) -> None:
+    """Write JSON to stdout, with JSON's own escapes for what is not printable."""
+    sys.stdout.write(_UNSAFE.sub(lambda found: json.dumps(found[0])[1:-1], text))
+
+
+def note(text: str) -> None:
+    """Write a line to stderr; what continues it on further lines is indented."""
+    sys.stderr.write(re.sub(r"\n(?! )", r"\\n", printable(text)) + "\n")
+    sys.stderr.flush()
+
+
+def label(word: str, color: str) -> None:
+    """Write a word of our own to stderr, in color on a terminal."""
+    typer.secho(word, fg=color, bold=True, nl=False, err=True)
 
 
 def show(what: RenderableType) -> None:
@@ -16,4 +72,21 @@ def show(what: RenderableType) -> None:
     from rich.console import Console
 
     width = None if sys.stdout.isatty() else _UNBROKEN
-    Console(width=width, highlight=False, emoji=False, markup=False).print(what)
+    show_on(Console(width=width, highlight=False, emoji=False, markup=False), what)
+
+
+def show_on(console: Console, what: RenderableType) -> None:
+    """Print what rich can draw on a console."""
+    from rich.segment import Segment, Segments
+
+    segments: list[Segment] = []
+    for each in console.render_lines(what, pad=False):
+        segments += [Segment(printable(part.text), part.style, part.control) for part in each]
+        segments.append(Segment.line())
+    console.print(Segments(segments), end="")
+
+
+def guard_warnings() -> None:
+    """Let Python's warnings, which repeat what MuJoCo says of names, be printable too."""
+    plain = warnings.formatwarning
+    warnings.formatwarning = lambda *arguments, **options: printable(plain(*arguments, **options))

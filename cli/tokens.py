@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -10,6 +9,7 @@ import typer
 
 from . import common
 from .table import table, terminal_width
+from .terminal import note, one_line, write, write_json
 
 if TYPE_CHECKING:
     from morphkit.tokens.spec import TokenSpec
@@ -93,18 +93,18 @@ def tokens(
     )
     spec = take_quantities(spec, [name for names in sensors or () for name in names.split(",")])
     if source != "limb" and (silent := without_scalars(morphology)):
-        typer.echo(f"note: no scalars from {', '.join(silent)}", err=True)
+        note(f"note: no scalars from {', '.join(silent)}")
     if spec.given_names:
-        typer.echo(f"note: {_given_names(spec)}", err=True)
+        note(f"note: {_given_names(spec)}")
     if printed == "table":
         text = _table(spec, width=terminal_width() if output is None else None)
     else:
         text = spec.to_json() if printed == "json" else spec.to_csv()
     if output is None:
-        sys.stdout.write(text)
+        write_json(text) if printed == "json" else write(text)
     else:
         common.write_text(output, text)
-        typer.echo(f"{_summary(spec)} -> {output}", err=True)
+        note(f"{_summary(spec)} -> {output}")
 
 
 def _summary(spec: TokenSpec) -> str:
@@ -146,7 +146,7 @@ def _table(spec: TokenSpec, *, width: int | None) -> str:
         f"task {spec.task or '-'}, naming {spec.naming}"
     )
     parts = [
-        f"{_summary(spec)}\n{about}\n",
+        f"{one_line(_summary(spec))}\n{one_line(about)}\n",
         table(SENSOR_COLUMNS, sensors, right=["index"], dispensable=("frame", "text", "limb"), width=width),
         table(ACTUATOR_COLUMNS, actuators, right=["index"], dispensable=("text", "joint", "limb"), width=width)
         if actuators

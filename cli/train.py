@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -12,6 +11,7 @@ import typer
 
 from . import common
 from .table import table
+from .terminal import note, one_line, write
 
 if TYPE_CHECKING:
     from morphkit_rl.training.progress import TrainSummary
@@ -180,24 +180,24 @@ def _report(summary: TrainSummary, robots: list[str], encoder: str | None, *, as
         )
     elif not quiet:
         groups = (("", summary.returns), ("first, shorter episodes, scaled up", summary.first_returns))
-        rows = [(robot, f"{value:.1f}", note) for note, group in groups for robot, value in group.items()]
+        rows = [(robot, f"{value:.1f}", what) for what, group in groups for robot, value in group.items()]
         columns = ("body", "training return", "of") if summary.first_returns else ("body", "training return")
         if rows:
             cells = [row[: len(columns)] for row in rows]
-            sys.stdout.write(table(columns, cells, right=["training return"]) + "\n")
-        sys.stdout.write(
+            write(table(columns, cells, right=["training return"]) + "\n")
+        write(
             f"{common.count(summary.steps, 'step')} and {common.count(summary.updates, 'update')} "
-            f"in {common.duration(summary.elapsed_s)}; run: {summary.run}\n"
+            f"in {common.duration(summary.elapsed_s)}; run: {one_line(str(summary.run))}\n"
         )
     if summary.diverged:
         episodes = common.count(summary.diverged, "episode")
-        typer.echo(f"{episodes} ended because the simulation diverged", err=True)
+        note(f"{episodes} ended because the simulation diverged")
     if not summary.advanced:
-        typer.echo("nothing left to do: the budget is used up; --steps or --minutes sets a larger one in all", err=True)
+        note("nothing left to do: the budget is used up; --steps or --minutes sets a larger one in all")
     if summary.interrupted:
         again = shlex.join(["--run", str(summary.run), "--resume", *trusted])
-        typer.echo(f"stopped at a checkpoint; go on with: morphkit train {again}", err=True)
+        note(f"stopped at a checkpoint; go on with: morphkit train {again}")
         raise KeyboardInterrupt
     if not quiet and not as_json:
         words = [str(summary.run), *(robots or ["ROBOT"]), *trusted]
-        typer.echo(f"next: morphkit evaluate {shlex.join(words)}", err=True)
+        note(f"next: morphkit evaluate {shlex.join(words)}")

@@ -6,7 +6,6 @@ import contextlib
 import io
 import logging
 import math
-import re
 import zipfile
 from collections.abc import Iterator
 from functools import partial
@@ -17,6 +16,7 @@ import numpy as np
 
 from morphkit.errors import AssetError
 from morphkit.formats.limits import MESH_BYTES
+from morphkit.simulation.collada import check_instances, without_materials
 from morphkit.utils.isolation import run_isolated
 from morphkit.utils.process_limits import Limits
 
@@ -26,8 +26,6 @@ MAX_STL_FACES = 200_000
 _HEAD, _FACE = 84, 50  # bytes in a binary STL
 _ASCII_BYTES = 512  # in which an STL that is text has its first facet
 _COLLADA = (".dae", ".zae")
-_UP_AXIS = re.compile(rb"<(?:\w+:)?up_axis>\s*([XYZ])_UP")
-_ASSET_BYTES = 2**16  # COLLADA's <asset> comes first in the file.
 
 
 def read_for_mujoco(path: Path) -> tuple[str, bytes]:
@@ -101,6 +99,8 @@ def load_mesh(path: Path) -> Any:
 
     _check_size(path)
     collada = path.suffix.lower() in _COLLADA
+    if path.suffix.lower() == ".dae":
+        check_instances(path)
     with _reading(path):
         if path.suffix.lower() == ".msh":
             return trimesh.Trimesh(*_read_msh(path.read_bytes()), process=False)
@@ -109,7 +109,7 @@ def load_mesh(path: Path) -> Any:
         else:
             mesh = trimesh.load(path, force="mesh", skip_materials=True)
         if path.suffix.lower() == ".dae" and len(mesh.faces) == 0:
-            mesh = trimesh.load(io.BytesIO(_without_materials(path)), file_type="dae", force="mesh")
+            mesh = trimesh.load(io.BytesIO(without_materials(path)), file_type="dae", force="mesh")
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
         raise AssetError(f"{path}: holds no triangles")
     if not 0 <= mesh.faces.min() <= mesh.faces.max() < len(mesh.vertices):
@@ -139,15 +139,6 @@ def _reading(path: Path) -> Iterator[None]:
         log.setLevel(before)
 
 
-def up_axis(path: Path) -> str | None:
-    """The axis that a COLLADA file states as up: `X`, `Y` or `Z`; None for one that states none and for other files."""
-    if path.suffix.lower() != ".dae":
-        return None
-    with path.open("rb") as file:
-        found = _UP_AXIS.search(file.read(_ASSET_BYTES))
-    return found[1].decode() if found is not None else None
-
-
 def _read_msh(content: bytes) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (n, 3) and faces (m, 3) of MuJoCo's own format: four counts, then float32 and int32 arrays.
 
@@ -163,17 +154,6 @@ def _read_msh(content: bytes) -> tuple[np.ndarray, np.ndarray]:
     if corners.min() < 0 or corners.max() >= vertices:
         raise ValueError("a face names a vertex that is not there")
     return points.astype(float), corners
-
-
-def _without_materials(path: Path) -> bytes:
-    """The bytes of a COLLADA file whose nodes have no materials: one broken reference there drops the whole node."""
-    from lxml import etree
-
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=True)
-    tree = etree.parse(path, parser)
-    for element in list(tree.iter("{*}bind_material")):
-        element.getparent().remove(element)
-    return bytes(etree.tostring(tree))
 
 
 def _meters(units: str | None) -> float:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from morphkit.errors import ConfigError
 
-SECONDS = 12.0
+SECONDS = 8.0
 """Processor time that reading or compiling a robot may take, s, besides what its meshes take."""
 MEMORY = 5 * 2**28
 """Memory that it may take, bytes, besides what its meshes take."""

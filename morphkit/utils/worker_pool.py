@@ -152,7 +152,7 @@ class _Pool(Generic[T, R]):
         code = worker.process.exitcode
         self._end(worker)
         if self._limits is not None and code == -signal.SIGXCPU:
-            return f"it took more than {self._limits.seconds:.0f} s of processor time; {ADVICE}"
+            return f"it took more than {self._limits.seconds:.3g} s of processor time; {ADVICE}"
         how = f"exit code {code}" if code is None or code >= 0 else signal.Signals(-code).name
         said = f"the simulator {'crashed' if code is not None and code < 0 else 'ended the process'} ({how})"
         if self._limits is None:

@@ -74,7 +74,7 @@ def probe(
             )
         output = done.stdout
         if done.returncode == -getattr(signal, "SIGXCPU", 0):
-            reason = f"it took more than {limits.seconds:.0f} s of processor time"
+            reason = f"it took more than {limits.seconds:.3g} s of processor time"
         elif done.returncode < 0:
             reason = f"signal {-done.returncode}"
         elif done.returncode:
@@ -119,7 +119,8 @@ def _take(answer: Answer, line: str) -> None:
 
 
 def _measure(path: Path) -> dict[str, Any]:
-    from morphkit.simulation.mesh_files import load_mesh, up_axis
+    from morphkit.simulation.collada import up_axis
+    from morphkit.simulation.mesh_files import load_mesh
 
     mesh = load_mesh(path)
     if not np.all(np.isfinite(mesh.vertices)):

@@ -14,8 +14,9 @@ from morphkit.conversion.convert import convert
 from morphkit.conversion.write import write_conversion
 from morphkit.errors import AssetError
 from morphkit.simulation import mesh_files
+from morphkit.simulation.collada import up_axis
 from morphkit.simulation.inspection_model import load_mechanics
-from morphkit.simulation.mesh_files import load_mesh, up_axis
+from morphkit.simulation.mesh_files import load_mesh
 from morphkit.validation import sandbox
 from morphkit.validation.check import check
 
