@@ -21,7 +21,7 @@ import traceback
 from collections import Counter
 from pathlib import Path
 
-PARTS = ("robots", "run_folders", "xacro")
+PARTS = ("robots", "budgets", "shapes", "run_folders", "xacro")
 """Modules of this package with `examples()`, a strategy of files by name, and `attempt(files, folder)`."""
 SECONDS_AN_EXAMPLE = 20
 SECONDS_A_WORKER = 30

@@ -30,7 +30,7 @@ def attempt(source: bytes) -> str:
             spec = token_spec(morphology, naming=naming, source="all")
             assert TokenSpec.from_json(spec.to_json()) == spec
     except MorphkitError as error:
-        return _explained(error, "refused")
+        return explained(error, "refused")
     _simulate(robot)
     members = [member for limb in morphology.limbs for member in limb.members][1:]
     if not members:
@@ -40,12 +40,12 @@ def attempt(source: bytes) -> str:
         variant = ablate(robot, **{chance.choice(("remove", "splice")): chosen})
         part = read(variant.description)
     except MorphkitError as error:
-        return _explained(error, "not cut")
+        return explained(error, "not cut")
     assert [limb.name for limb in part.limbs] == list(variant.limbs)
     return "cut, and the cut robot simulated" if _simulate(variant.description) else "cut"
 
 
-def _explained(error: MorphkitError, end: str) -> str:
+def explained(error: MorphkitError, end: str) -> str:
     """`end`, for an error that says something."""
     assert str(error).strip()
     return end
@@ -56,6 +56,6 @@ def _simulate(robot: Description) -> bool:
     try:
         model = compile_plain(robot)
     except MorphkitError as error:
-        return not _explained(error, "not compiled")
+        return not explained(error, "not compiled")
     mujoco.mj_step(model, mujoco.MjData(model))
     return True
