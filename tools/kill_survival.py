@@ -51,6 +51,10 @@ class Subject:
         """The words of a process that writes into `folder`."""
         return [*PROGRAM, *(word.replace("{}", str(folder)) for word in (self.again if again else self.arguments))]
 
+    def begun(self, folder: Path) -> bool:
+        """Whether there is something to go on with; a run that has no settings yet is started anew."""
+        return (folder / "run" / "config.json").is_file() if self.name == "train" else any(folder.iterdir())
+
     def digest(self, folder: Path) -> dict[str, str]:
         """SHA-256 of what is compared, by path."""
         files = sorted(path for pattern in self.compared for path in folder.glob(pattern) if path.is_file())
@@ -108,8 +112,7 @@ def attack(subject: Subject, whole: dict[str, str], duration_s: float, chance: r
             kills += 1
             if subject.name != "train":
                 break
-        again = any(folder.iterdir())
-        last = start(subject.command(folder, again=again), folder)
+        last = start(subject.command(folder, again=subject.begun(folder)), folder)
         code = last.wait()
         said = (Path(top) / "output.txt").read_text(errors="replace").strip().splitlines()
         if code:

@@ -10,7 +10,7 @@ from lxml import etree
 
 from morphkit.errors import AssetError
 
-INSTANCES = 10_000
+INSTANCES = 2000
 """How often a file may show its shapes in all."""
 _UP_AXIS = re.compile(rb"<(?:\w+:)?up_axis>\s*([XYZ])_UP")
 _ASSET_BYTES = 2**16  # <asset> comes first in the file.
@@ -30,7 +30,7 @@ def check_instances(path: Path) -> None:
     """Refuse a file whose nodes show others over and over: each can double what there is.
 
     Raises:
-        AssetError: It shows its shapes more than 10,000 times, or a node shows itself.
+        AssetError: It shows its shapes more than 2000 times, or a node shows itself.
     """
     try:
         root = _tree(path).getroot()

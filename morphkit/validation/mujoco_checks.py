@@ -12,6 +12,8 @@ import numpy as np
 
 from morphkit.description import Description
 from morphkit.errors import AssetError, DescriptionError
+from morphkit.formats import xml
+from morphkit.formats.limits import check_mjcf
 from morphkit.readers.mjcf_actuators import is_limited
 from morphkit.simulation.spec import compile_spec, load_spec
 from morphkit.simulation.start_pose import outside_limits, stand, start_pose
@@ -48,6 +50,10 @@ def examine(
     named = {name: Path(path) for name, path in packages.items()}
     description = Description(Path(file).stem, file, "mjcf", source.encode(), Path(folder), packages=named)
     found: dict[str, Any] = {"refused": None}
+    try:
+        check_mjcf(xml.parse(description.source, file=file).getroot(), file=file)
+    except DescriptionError as error:
+        return {"refused": _broken_limit(error)}
     try:
         warnings.simplefilter("ignore")
         plain = mujoco.MjSpec.from_string(source)
@@ -94,6 +100,11 @@ def _refusal(error: Exception) -> dict[str, Any]:
     message = re.sub(r",? ?(id \d+|line \d+)(, column \d+)?", "", message)
     message = re.sub(r"^.*?MuJoCo cannot (read|compile) it: ", "", message)
     return {"message": re.sub(r"(XML )?Error: ?", "", message).strip(), "line": int(line[1]) if line else None}
+
+
+def _broken_limit(error: DescriptionError) -> dict[str, Any]:
+    place = re.match(r"[^\n]*?:(\d+): (.*)", str(error), re.DOTALL)
+    return {"message": place[2] if place else str(error), "line": int(place[1]) if place else None}
 
 
 def _line(info: str) -> int | None:

@@ -123,7 +123,7 @@ def test_meshes_that_multiply(tmp_path: Path) -> None:
     _, content = read_for_mujoco(tmp_path / "m.dae")
     assert len(content) == 84 + 50 * 4 * 2**2
     (tmp_path / "m.dae").write_text(doubling_dae(26))
-    with pytest.raises(AssetError, match=r"m\.dae: shows its shapes 67,108,864 times; the limit is 10,000"):
+    with pytest.raises(AssetError, match=r"m\.dae: shows its shapes 67,108,864 times; the limit is 2,000"):
         read_for_mujoco(tmp_path / "m.dae")
     read(load(tmp_path / "r.urdf"))  # which needs no meshes
     with pytest.raises(AssetError, match="shows its shapes"):
@@ -135,7 +135,7 @@ def test_meshes_that_multiply(tmp_path: Path) -> None:
 
 
 def test_meshes_that_need_much(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "m.dae").write_text(doubling_dae(13))
+    (tmp_path / "m.dae").write_text(doubling_dae(10))
     monkeypatch.setenv("MORPHKIT_LIMITS", "0.01")
     with pytest.raises(AssetError, match=r"m\.dae: cannot be read as a mesh: .* MORPHKIT_LIMITS=10"):
         read_for_mujoco(tmp_path / "m.dae")
