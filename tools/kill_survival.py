@@ -105,7 +105,7 @@ def attack(subject: Subject, whole: dict[str, str], duration_s: float, chance: r
         folder = Path(top) / "out"
         folder.mkdir()
         for number in range(MOST_KILLS):
-            again = number > 0 and any(folder.iterdir())
+            again = number > 0 and subject.begun(folder)
             process = start(subject.command(folder, again=again), folder)
             if not killed(process, chance.uniform(0.05, 1.0) * duration_s):
                 break

@@ -12,6 +12,7 @@ import contextlib
 import faulthandler
 import importlib
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -24,6 +25,9 @@ from pathlib import Path
 PARTS = ("robots", "budgets", "shapes", "run_folders", "xacro")
 """Modules of this package with `examples()`, a strategy of files by name, and `attempt(files, folder)`."""
 SECONDS_AN_EXAMPLE = 20
+"""Processor time, that of processes which an example starts included."""
+MOST_SECONDS = 120
+"""Time until an example counts as hanging; others may want the same cores."""
 SECONDS_A_WORKER = 30
 MOST_MEMORY = 2 * 1024**3
 
@@ -51,10 +55,13 @@ def work(part: str, seed: int, folder: Path, seconds: float) -> int:
         if time.monotonic() > end:
             raise KeyboardInterrupt  # which hypothesis takes for no bug of the file
         _write(files, folder / "current")
-        faulthandler.dump_traceback_later(SECONDS_AN_EXAMPLE, exit=True)
+        faulthandler.dump_traceback_later(MOST_SECONDS, exit=True)
+        before = _processor_time()
         try:
             with tempfile.TemporaryDirectory() as place:
                 ends[f"{part}: {attack.attempt(files, Path(place))}"] += 1
+            used = _processor_time() - before
+            assert used < SECONDS_AN_EXAMPLE, f"{used:.0f} s of processor time"
             _check_memory()
         except Exception:
             _write(files, folder / "failing")
@@ -68,6 +75,11 @@ def work(part: str, seed: int, folder: Path, seconds: float) -> int:
         return 1
     print(json.dumps(ends), flush=True)
     return 0
+
+
+def _processor_time() -> float:
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
 
 
 def _check_memory() -> None:
