@@ -148,7 +148,7 @@ def report(
     folder = out or matrix / "report"
     written = write_report(matrix, folder)
     if as_json:
-        sys.stdout.write((folder / MARKER).read_text("utf-8"))
+        write((folder / MARKER).read_text("utf-8"))
         return
     for path in written:
         write(f"{one_line(str(path))}\n")
