@@ -184,12 +184,12 @@ def test_evaluation_refuses_what_makes_no_sense(run: Path) -> None:
 
 def test_evaluation_takes_task_and_base_of_the_run(tmp_path: Path, config: TrainConfig) -> None:
     robot = load("quadruped")
-    assert (robot.info.task, robot.info.base) == ("locomotion", "free")
+    assert (robot.info.task, robot.info.base) == ("walk", "free")
     run = tmp_path / "run"
     train([robot], run, config, task="raise", base="fixed", steps=20)
     own, same = (evaluate(run, [robot], episodes=2, **named) for named in ({}, {"task": "raise", "base": "fixed"}))
     assert own == same
-    assert evaluate(run, [robot], episodes=2, task="locomotion", base="free") != own
+    assert evaluate(run, [robot], episodes=2, task="walk", base="free") != own
     assert record(run, robot, max_steps=2)[0].base == "fixed"
 
 
