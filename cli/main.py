@@ -25,6 +25,7 @@ from . import (
     convert,
     diff,
     evaluate,
+    export,
     robots,
     show,
     tokens,
@@ -80,6 +81,7 @@ _register("diff", diff.diff, diff.EXAMPLES)
 _register("show", show.show, show.EXAMPLES)
 _register("train", train.train, train.EXAMPLES)
 _register("evaluate", evaluate.evaluate, evaluate.EXAMPLES)
+_register("export", export.export, export.EXAMPLES)
 
 _benchmark = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
 app.add_typer(_benchmark, name="benchmark", help="The modular-rl benchmark: 32 bodies, 8 tasks, 3 splits.")

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import torch
 from torch import nn
 
+from morphkit.description import Description
 from morphkit.errors import CheckpointError, ConfigError
+from morphkit.morphology import Base
 from morphkit.tokens.spec import TokenSpec
-from morphkit_rl.algorithms.actions import ActionRows
-from morphkit_rl.algorithms.normalizer import Normalizer, normalize
+from morphkit_rl.algorithms.baked_policy import BakedPolicy
+from morphkit_rl.algorithms.normalizer import Normalizer
 from morphkit_rl.config.methods import find_method
 from morphkit_rl.config.train_config import TrainConfig
+from morphkit_rl.envs.robot import Robot
+from morphkit_rl.envs.tasks import Task
 from morphkit_rl.models import build
 from morphkit_rl.models.layout import build_layout
 from morphkit_rl.models.vocabulary import Vocabulary
@@ -42,6 +46,7 @@ class Policy:
         config: What the policy was trained with.
         trained_on: Names of the training robots.
         vocabulary: What the networks were made for.
+        saved: The `config.json` of its run.
 
     Example:
         >>> policy = Policy.load("runs/cheetah")  # doctest: +SKIP
@@ -56,9 +61,10 @@ class Policy:
         config: TrainConfig,
         trained_on: Sequence[str] = (),
         vocabulary: Vocabulary | None = None,
+        saved: Mapping[str, Any] | None = None,
     ):
         self.actor, self.normalizer, self.embedder, self.config = actor, normalizer, embedder, config
-        self.trained_on, self.vocabulary = tuple(trained_on), vocabulary
+        self.trained_on, self.vocabulary, self._saved = tuple(trained_on), vocabulary, saved or {}
         self._controllers: dict[TokenSpec, Controller] = {}
         self._latest: tuple[TokenSpec, Controller] | None = None  # finding a specification takes 30 us
 
@@ -110,7 +116,35 @@ class Policy:
         with run_settings.buildable(run):
             actor, _ = build(config.model, embedder.size, vocabulary, tune)
         network_arrays.load_modules({"actor": actor}, arrays, origin)
-        return cls(actor, normalizer, embedder, config, [robot["name"] for robot in saved["robots"]], vocabulary)
+        return cls(actor, normalizer, embedder, config, [robot["name"] for robot in saved["robots"]], vocabulary, saved)
+
+    def prepare(
+        self,
+        descriptions: Sequence[Description],
+        *,
+        task: str | Task | None = None,
+        base: Base | None = None,
+        drawn: bool = False,
+    ) -> list[Robot]:
+        """Robots for this policy, with tokens as it reads them.
+
+        Args:
+            descriptions: The robots.
+            task: The task or its name; default: that of the run, which may be each robot's own.
+            base: How roots are attached to the world; default: as `task`.
+            drawn: Whether the robots are to be drawn.
+
+        Raises:
+            ConfigError: A robot has no actuators.
+        """
+        task, base = task or self._saved.get("task"), base or self._saved.get("base")
+        robots = []
+        for description in descriptions:
+            named = run_settings.with_names_of(self._saved, description)
+            robots.append(run_settings.prepare_robot(self.config, named, task=task, base=base, drawn=drawn))
+            if not robots[-1].spec.actuators:
+                raise ConfigError(f"{description.name}: has no actuators, so there is nothing to control")
+        return robots
 
     def act(self, spec: TokenSpec, obs: np.ndarray) -> np.ndarray:
         """Controls for one robot.
@@ -136,28 +170,37 @@ class Policy:
             self._latest = spec, self._controllers.get(spec) or self._prepare(spec)
         return self._latest[1](np.atleast_2d(obs)).reshape(*obs.shape[:-1], len(spec.actuators))
 
-    @torch.no_grad()
-    def _prepare(self, spec: TokenSpec) -> Controller:
+    def bake(self, spec: TokenSpec) -> BakedPolicy:
+        """The policy for one robot alone, with its names read.
+
+        Args:
+            spec: The robot's tokens.
+
+        Raises:
+            ConfigError: As `act`.
+        """
         if spec.naming != self.config.text.naming:
             warnings.warn(
                 f"{spec.morphology}: tokens are named {spec.naming!r}, the policy was trained on "
                 f"{self.config.text.naming!r} names",
-                stacklevel=3,
+                stacklevel=4,
             )
         self._check_quantities(spec)
         method = find_method(self.config.model.method)
         method.check(spec, self.config.model, self.vocabulary)
         layout = build_layout([spec], self.embedder, actions=method.actions)
-        names = cast(Any, self.actor).read_names(layout)
         scale = shift = None
         if self.config.trainer.normalize:
             scale, shift = map(torch.from_numpy, self.normalizer.scale_and_shift(self.normalizer.index([spec])))
-        rows = ActionRows(layout)
+        return BakedPolicy(self.actor, layout, scale, shift)
+
+    def _prepare(self, spec: TokenSpec) -> Controller:
+        baked = self.bake(spec)
 
         @torch.no_grad()
         def act(obs: np.ndarray) -> np.ndarray:
-            action = self.actor(normalize(torch.from_numpy(obs), scale, shift), layout, names)
-            return rows.to_controls(action.numpy())[0].astype(np.float32)
+            controls: np.ndarray = baked(torch.from_numpy(obs)).numpy()
+            return controls
 
         self._controllers[spec] = act
         return act

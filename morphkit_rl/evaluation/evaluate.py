@@ -20,7 +20,6 @@ from morphkit_rl.envs.batch_env import BatchEnv
 from morphkit_rl.envs.robot import Robot
 from morphkit_rl.envs.tasks import Task
 from morphkit_rl.evaluation.episodes import RobotReturns, mean_interval, normalized, play, random_controller
-from morphkit_rl.runs import run_settings, saved_task
 from morphkit_rl.runs.run_folder import LATEST
 
 
@@ -89,7 +88,7 @@ def evaluate(
     if seed < 0:
         raise ConfigError(f"seed is {seed}; expected a non-negative number")
     policy = Policy.load(run, encoder=encoder, checkpoint=checkpoint)
-    robots = _prepare(run, policy, descriptions, task, base)
+    robots = policy.prepare(descriptions, task=task, base=base)
     with single_thread():
         return [_evaluate_one(policy, robot, episodes, seed) for robot in robots]
 
@@ -111,7 +110,7 @@ def record(
         The simulation, qpos (steps + 1, nq) of the episode, and its steps a second.
     """
     policy = Policy.load(run, encoder=encoder, checkpoint=checkpoint)
-    (robot,) = _prepare(run, policy, [description], task, base, drawn=True)
+    (robot,) = policy.prepare([description], task=task, base=base, drawn=True)
     env = _single(policy, robot, 1, seed)
     obs = env.reset()[0]
     poses = [env.state(0)[0][0].copy()]
@@ -154,28 +153,6 @@ def _evaluate_one(policy: Policy, robot: Robot, episodes: int, seed: int) -> Rob
         diverged=diverged,
         random_diverged=random_diverged,
     )
-
-
-def _prepare(
-    run: str | Path,
-    policy: Policy,
-    descriptions: Sequence[Description],
-    task: str | Task | None,
-    base: Base | None,
-    drawn: bool = False,
-) -> list[Robot]:
-    saved = run_settings.read(Path(run))
-    task = task or saved_task.from_json(saved, str(Path(run) / "config.json"))
-    base = base or saved.get("base")
-    named = [run_settings.with_names_of(saved, description) for description in descriptions]
-    robots = [
-        run_settings.prepare_robot(policy.config, description, task=task, base=base, drawn=drawn)
-        for description in named
-    ]
-    for robot in robots:
-        if not robot.spec.actuators:
-            raise ConfigError(f"{robot.name}: has no actuators, so there is nothing to control")
-    return robots
 
 
 def _single(policy: Policy, robot: Robot, num_envs: int, seed: int) -> BatchEnv:

@@ -18,7 +18,9 @@ import subprocess
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from importlib import resources
 from pathlib import Path
 
@@ -44,6 +46,7 @@ _HEADERS = ("packing.h", "tiles.h", "product.h", "rows.h", "layer.h")
 _FLAGS = ("-std=c++17", "-O3", "-march=native", "-fPIC")
 _TIMEOUT_S = 180
 _OPENING = threading.Lock()
+_SUSPENDED = ContextVar("suspended", default=False)
 
 
 @functools.cache
@@ -78,7 +81,18 @@ def function(name: str, dtype: torch.dtype) -> Callable[..., None] | None:
 
 def takes(x: Tensor, name: str, dtype: torch.dtype | None = None) -> bool:
     """Whether the kernel can compute on `x`, in its own precision or that of `dtype`."""
-    return x.device.type == "cpu" and x.numel() > 0 and function(name, dtype or x.dtype) is not None
+    fits = x.device.type == "cpu" and x.numel() > 0 and not _SUSPENDED.get()
+    return fits and function(name, dtype or x.dtype) is not None
+
+
+@contextmanager
+def suspended() -> Iterator[None]:
+    """Keep to PyTorch's operations, which alone can be traced and exported."""
+    token = _SUSPENDED.set(True)
+    try:
+        yield
+    finally:
+        _SUSPENDED.reset(token)
 
 
 def edges(spans: Sequence[slice], length: int) -> tuple[int, ...] | None:

@@ -94,7 +94,7 @@ class Actor(nn.Module):
 
     def forward(self, obs: Tensor, layout: Layout, names: None = None) -> Tensor:
         """Act on observation rows."""
-        return torch.tanh(self.network(obs.reshape(1, len(obs), layout.num_actions, -1), layout)[0])
+        return torch.tanh(self.network(obs.reshape(1, obs.shape[0], layout.num_actions, -1), layout)[0])
 
 
 class TwinCritic(nn.Module):

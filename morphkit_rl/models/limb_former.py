@@ -170,7 +170,7 @@ class Actor(nn.Module):
         limb_names, actuator_names = names or self.read_names(layout)
         limbs = self.encoder(obs, limb_names)[0]
         if len(layout.action_limb) == 0:
-            return obs.new_zeros(len(obs), 0)
+            return obs.new_zeros(obs.shape[0], 0)
         if layout.each_action_has_a_limb and actuator_heads.available(limbs):
             parts = (*self.read.parameters(), actuator_names, *self.head.parameters())
             return actuator_heads.actuator_heads(limbs, layout.action_limb, [part[0] for part in parts])

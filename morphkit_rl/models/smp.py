@@ -216,7 +216,7 @@ class Actor(nn.Module):
     def forward(self, obs: Tensor, layout: Layout, names: None = None) -> Tensor:
         """Act on observation rows."""
         limbs = tree(layout, self.messages.places)
-        scalars = _by_depth(obs.reshape(len(obs), layout.num_actions, -1), limbs)
+        scalars = _by_depth(obs.reshape(obs.shape[0], layout.num_actions, -1), limbs)
         x = torch.cat(self.messages(scalars, scalars, layout), -1)
         x = x if self.messages.direction == "none" else torch.tanh(x)
         action = torch.tanh(self.action(x.view(1, -1, x.shape[-1]))).view(x.shape[:2])

@@ -120,7 +120,7 @@ class CrossAttention(nn.Module):
         """Read memory (1, batch, tokens, d_model) into queries (1, batch or 1, queries, d_model), robot by robot."""
         _, own, queries, width = x.shape
         memory = memory[0]
-        heads, size, batch = self.heads, width // self.heads, len(memory)
+        heads, size, batch = self.heads, width // self.heads, memory.shape[0]
         key, value = (
             w.weight[0].to(x.dtype).view(width, heads, size).transpose(0, 1) for w in (self.key, self.value)
         )  # (heads, d_model, size)

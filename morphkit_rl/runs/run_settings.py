@@ -222,7 +222,7 @@ def prepare_robot(
 
 def with_names_of(saved: Mapping[str, Any], description: Description) -> Description:
     """A robot with the canonical names that it has in a run, whose `config.json` is `saved`, if it is a robot of it."""
-    for entry in (*saved["robots"], *saved.get("validation", ())):
+    for entry in (*saved.get("robots", ()), *saved.get("validation", ())):
         if (entry["sha256"], entry["root"]) == (description.sha256, description.root):
             info = replace(description.info, canonical=entry["info"]["canonical"] or description.info.canonical)
             return replace(description, info=info)
