@@ -2,8 +2,8 @@
 
 from setuptools import find_packages, setup
 
-# `cli` and `robots` are installed under names that do not clash with other people's.
-RENAMED = {"morphkit_cli": "cli", "morphkit_robots": "robots"}
+# `cli`, `robots` and `zoo` are installed under names that do not clash with other people's.
+RENAMED = {"morphkit_cli": "cli", "morphkit_robots": "robots", "morphkit_zoo": "zoo"}
 
 setup(
     packages=[

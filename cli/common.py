@@ -38,6 +38,17 @@ XacroArgOption = Annotated[
 ]
 
 
+PolicyArgument = Annotated[
+    Path, typer.Argument(metavar="RUN", help="Folder of a training run, or zoo:NAME (see morphkit zoo).")
+]
+
+CheckpointOption = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME", help="'latest'; 'best' on the validation bodies, see trainer.keep; or the name of one."
+    ),
+]
+
 EncoderOption = Annotated[
     str | None,
     typer.Option(

@@ -34,7 +34,7 @@ EXAMPLES = (
 
 
 def evaluate(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a training run.")],
+    run: common.PolicyArgument,
     robots: Annotated[
         list[str],
         typer.Argument(metavar="ROBOT", help="Shipped robots, URDF or MJCF files, folders of them, or manifests."),
@@ -55,12 +55,7 @@ def evaluate(
         Path | None,
         typer.Option(metavar="FILE", help="Film an episode: an .mp4 or .gif; of several bodies, FILE-<body> each."),
     ] = None,
-    checkpoint: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME", help="'latest'; 'best' on the validation bodies, see trainer.keep; or the name of one."
-        ),
-    ] = "latest",
+    checkpoint: common.CheckpointOption = "latest",
     encoder: common.EncoderOption = None,
     xacro_arg: common.XacroArgOption = None,
     trust_xacro: common.TrustXacroOption = False,
@@ -78,32 +73,32 @@ def evaluate(
     bodies = common.load_bodies(robots, xacro_arg, trust_xacro=trust_xacro)
 
     from morphkit_rl.evaluation.evaluate import evaluate as measure
-    from morphkit_rl.runs import trackers
-    from morphkit_rl.runs.checkpoint import load_state
+    from morphkit_rl.runs import saved_policy, trackers
 
     if track is not None:
         trackers.require(track)
     where: dict[str, Any] = {"task": task, "base": base, "encoder": encoder, "checkpoint": checkpoint}
     found = measure(run, bodies, episodes=episodes, seed=seed, **where)
-    folder, state = load_state(run, checkpoint)
-    trained = {"checkpoint": folder.name, "steps": state["steps"], "elapsed_s": round(state["elapsed_s"], 3)}
+    policy = saved_policy.load(run, checkpoint)
+    name, steps, elapsed_s = policy.origin.parent.name, policy.state["steps"], policy.state["elapsed_s"]
     if as_json:
         rows = [_row(result) for result in found]
+        trained = {"checkpoint": name, "steps": steps, "elapsed_s": round(elapsed_s, 3)}
         common.print_json({"run": str(run), **trained, "episodes": episodes, "seed": seed, "robots": rows})
     else:
         _print_table(found)
-        spent = common.duration(state["elapsed_s"])
-        note(f"\ntrained for {common.count(state['steps'], 'step')}, in {spent} ({folder.name})")
+        spent = common.duration(elapsed_s)
+        note(f"\ntrained for {common.count(steps, 'step')}, in {spent} ({name})")
     _say_diverged(found)
     films = _films(run, bodies, video, seed=seed, **where) if video is not None else iter(())
     if track is None:
         deque(films, maxlen=0)
         return
     with trackers.named_errors(run, track), closing(trackers.open_tracker(run, track)) as tracker:
-        tracker.table("evaluation", COLUMNS, _cells(found), state["steps"])
+        tracker.table("evaluation", COLUMNS, _cells(found), steps)
         for film in films:
             with film.ending_in(tracker.films) as path:
-                tracker.film(f"film/{film.body}", path, state["steps"])
+                tracker.film(f"film/{film.body}", path, steps)
 
 
 def _check_video(video: Path) -> None:

@@ -16,7 +16,7 @@ EXAMPLES = (
 
 
 def export(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a training run.")],
+    run: common.PolicyArgument,
     robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a shipped robot, or a URDF or MJCF file.")],
     onnx: Annotated[Path | None, typer.Option("--onnx", metavar="FILE", help="Write ONNX, for onnxruntime.")] = None,
     torchscript: Annotated[
@@ -30,6 +30,7 @@ def export(
             show_default="as in the run",
         ),
     ] = None,
+    checkpoint: common.CheckpointOption = "latest",
     encoder: common.EncoderOption = None,
     root: Annotated[
         str | None, typer.Option(metavar="NAME", help="The top-level body to take, where the file has several.")
@@ -52,7 +53,7 @@ def export(
     from morphkit_rl.algorithms.policy import Policy
     from morphkit_rl.export.write import export_onnx, export_torchscript
 
-    policy = Policy.load(run, encoder=encoder)
+    policy = Policy.load(run, encoder=encoder, checkpoint=checkpoint)
     (prepared,) = policy.prepare([body], task=task, base=base)
     written = []
     for path, write in ((onnx, export_onnx), (torchscript, export_torchscript)):

@@ -30,6 +30,7 @@ from . import (
     show,
     tokens,
     train,
+    zoo,
 )
 from .terminal import guard_warnings, note
 from .termination import Termination
@@ -82,6 +83,7 @@ _register("show", show.show, show.EXAMPLES)
 _register("train", train.train, train.EXAMPLES)
 _register("evaluate", evaluate.evaluate, evaluate.EXAMPLES)
 _register("export", export.export, export.EXAMPLES)
+_register("zoo", zoo.zoo, zoo.EXAMPLES)
 
 _benchmark = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
 app.add_typer(_benchmark, name="benchmark", help="The modular-rl benchmark: 32 bodies, 8 tasks, 3 splits.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,11 +20,18 @@ EXAMPLES = (
     "morphkit show quadruped",
     "morphkit show my_robot.urdf --png robot.png --gif joints.gif",
     "morphkit show my_robot.urdf --web",
+    "morphkit show zoo:cheetahs",
 )
 
 
 def show(
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a shipped robot, or a URDF or MJCF file.")],
+    robot: Annotated[
+        str,
+        typer.Argument(
+            metavar="ROBOT",
+            help="Name of a shipped robot, a URDF or MJCF file; or zoo:NAME, a policy, for its model card.",
+        ),
+    ],
     png: Annotated[
         Path | None, typer.Option("--png", metavar="FILE", help="Draw the robot in its start pose into a .png.")
     ] = None,
@@ -53,6 +61,11 @@ def show(
     """
     if port is not None and not web:
         raise common.UsageError("--port belongs to --web.")
+    if robot.startswith("zoo:"):
+        if png is not None or gif is not None or web:
+            raise common.UsageError(f"{robot} is a policy, which has a card alone; morphkit evaluate films it.")
+        _card(robot)
+        return
 
     (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg, trust_xacro=trust_xacro)
     if png is not None:
@@ -63,6 +76,12 @@ def show(
         _browse(description, robot, port, root)
     elif png is None and gif is None:
         _tree(description)
+
+
+def _card(policy: str) -> None:
+    from morphkit_rl.runs import saved_policy, zoo
+
+    sys.stdout.write(saved_policy.read_card(zoo.find(policy)))
 
 
 def _tree(description: Description) -> None:

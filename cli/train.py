@@ -20,6 +20,7 @@ EXAMPLES = (
     "morphkit train cheetah-family --run runs/first --hold-out cheetah-no-ffoot --steps 370000",
     "morphkit train my_robot.urdf --run runs/own --task locomotion --base planar --steps 500000",
     "morphkit train --run runs/first --resume",
+    "morphkit train my_robot.xml --run runs/tuned --from zoo:cheetahs --steps 200000",
 )
 
 
@@ -57,6 +58,15 @@ def train(
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting, such as td3.tau=0.01.")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of all random numbers.", show_default="0")] = None,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            "--from",
+            metavar="RUN",
+            help="Go on from the policy of this run, or of zoo:NAME, on these bodies; settings are its own, where "
+            "--preset and --set do not change them.",
+        ),
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in DIR where it stopped.")] = False,
     task: Annotated[
         str | None,
@@ -98,6 +108,7 @@ def train(
             "--preset": preset,
             "--set": settings,
             "--seed": seed is not None,
+            "--from": start is not None,
             "--task": task and not task.endswith(".toml"),
             "--base": base,
             "--xacro-arg": xacro_arg,
@@ -109,30 +120,34 @@ def train(
         given = [option for option, value in fixed.items() if value]
         if given:
             raise common.UsageError(f"a resumed run keeps its bodies and settings; leave out {', '.join(given)}.")
-    elif encoder is not None:
-        raise common.UsageError("--encoder goes with --resume; a new run takes --set text.encoder=NAME_OR_FOLDER.")
+    elif encoder is not None and start is None:
+        raise common.UsageError("--encoder goes with --resume or --from; else take --set text.encoder=NAME_OR_FOLDER.")
     elif not robots:
         raise common.UsageError("say what to train on: robots, files, folders or manifests.")
     bodies = common.load_bodies(robots, xacro_arg, trust_xacro=trust_xacro)
 
+    from morphkit_rl.algorithms.fine_tuning import start_config
     from morphkit_rl.config.train_config import load_config
     from morphkit_rl.text.model_files import SHIPPED
     from morphkit_rl.training import trainer
 
     from .progress import ProgressDisplay
 
-    start: Callable[[ProgressDisplay], TrainSummary]
+    learn: Callable[[ProgressDisplay], TrainSummary]
     if resume:
 
-        def start(display: ProgressDisplay) -> TrainSummary:
+        def learn(display: ProgressDisplay) -> TrainSummary:
             own = Path(task) if task else None
             return trainer.resume(run, minutes=minutes, steps=steps, encoder=encoder, task=own, progress=display.update)
 
     else:
-        config = load_config(preset or "default", settings)
+        if start is None:
+            config = load_config(preset or "default", settings)
+        else:
+            config = start_config(start, preset, settings, encoder=encoder)
         encoder = None if config.text.encoder == SHIPPED else config.text.encoder
 
-        def start(display: ProgressDisplay) -> TrainSummary:
+        def learn(display: ProgressDisplay) -> TrainSummary:
             return trainer.train(
                 bodies,
                 run,
@@ -145,6 +160,7 @@ def train(
                 minutes=minutes,
                 steps=steps,
                 device=device or "cpu",
+                start=start,
                 strict=strict,
                 progress=display.update,
                 notice=display.say,
@@ -157,7 +173,7 @@ def train(
         if names:
             title += f", {what}: {', '.join(names)}"
     with ProgressDisplay(title, quiet=quiet) as display:
-        summary = start(display)
+        summary = learn(display)
     _report(summary, robots, encoder, as_json=as_json, quiet=quiet)
 
 

@@ -13,7 +13,9 @@ from torch import Tensor
 
 from morphkit.errors import CheckpointError
 from morphkit.tokens.spec import TokenSpec
+from morphkit_rl.algorithms import fine_tuning
 from morphkit_rl.algorithms.normalizer import Normalizer
+from morphkit_rl.algorithms.policy import Policy
 from morphkit_rl.algorithms.return_normalizer import ReturnNormalizer
 from morphkit_rl.algorithms.td3 import TD3, resolve_precision
 from morphkit_rl.buffers.replay_buffer import Batch
@@ -49,6 +51,7 @@ class Agent:
         config: All settings.
         specs: The training robots.
         device: Torch device.
+        start: The policy to go on from; None begins anew.
 
     Attributes:
         robots: All training robots side by side.
@@ -58,17 +61,15 @@ class Agent:
         ConfigError: There is no such method, or it cannot express one of the robots.
     """
 
-    def __init__(self, config: TrainConfig, specs: Sequence[TokenSpec], device: str):
-        self.config, self.device = config, device
+    def __init__(self, config: TrainConfig, specs: Sequence[TokenSpec], device: str, start: Policy | None = None):
+        self.config, self.device, self.start = config, device, start
         self.method = find_method(config.model.method)
         self.vocabulary = Vocabulary.of(specs)
+        if start is not None:
+            self.vocabulary = fine_tuning.join_vocabulary(self.vocabulary, start)
         for spec in specs:  # before the networks, whose sizes would make no sense
             self.check(spec)
-        texts = [text for spec in specs for text in spec.texts]
-        source = controlled(run_settings.make_encoder(config), config.text.control, self.vocabulary.texts)
-        self.embedder = TokenEmbedder.fit(
-            source, texts, standardize=config.text.standardize, components=config.text.components
-        )
+        self.embedder = self._make_embedder(specs)
         self.learner = TD3(
             config.model,
             config.td3,
@@ -80,6 +81,11 @@ class Agent:
             precision=resolve_precision(config.trainer.precision, device),
         )
         self.normalizer = Normalizer()
+        if start is not None:
+            for actor in self.learner.actors():
+                fine_tuning.take_over(actor, start.actor)
+            keys, statistics = fine_tuning.take_over_statistics(start)
+            self.normalizer.load_state_dict(statistics, keys)
         self.normalizer.index(specs, grow=True)
         self.returns = None
         if config.learner.normalize_returns:
@@ -91,9 +97,19 @@ class Agent:
         self._standard: dict[View, tuple[Tensor | None, Tensor | None]] = {}
         self._reward_scale: dict[View, Tensor] = {}
 
+    def _make_embedder(self, specs: Sequence[TokenSpec]) -> TokenEmbedder:
+        config = self.config.text
+        source = controlled(run_settings.make_encoder(self.config), config.control, self.vocabulary.texts)
+        if self.start is not None:
+            known = self.start.embedder
+            return TokenEmbedder(source, known.mean, known.std, known.components)
+        texts = [text for spec in specs for text in spec.texts]
+        return TokenEmbedder.fit(source, texts, standardize=config.standardize, components=config.components)
+
     def check(self, spec: TokenSpec) -> None:
         """Raise ConfigError where the method, made for the training robots, cannot express the robot `spec`."""
-        self.method.check(spec, self.config.model, self.vocabulary)
+        known = self.vocabulary if self.start is None else self.start.vocabulary
+        self.method.check(spec, self.config.model, known)
 
     def view(self, specs: Sequence[TokenSpec]) -> View:
         """Robots, of training or not, side by side.

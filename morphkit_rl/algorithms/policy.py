@@ -25,8 +25,9 @@ from morphkit_rl.models import build
 from morphkit_rl.models.layout import build_layout
 from morphkit_rl.models.vocabulary import Vocabulary
 from morphkit_rl.runs import checkpoint as checkpoints
-from morphkit_rl.runs import network_arrays, run_settings
+from morphkit_rl.runs import network_arrays, run_settings, saved_policy
 from morphkit_rl.runs.run_folder import LATEST
+from morphkit_rl.runs.saved_policy import SavedPolicy
 from morphkit_rl.runs.trusted_encoder import with_encoder
 from morphkit_rl.text.baselines import controlled
 from morphkit_rl.text.embedder import TokenEmbedder
@@ -70,27 +71,38 @@ class Policy:
 
     @classmethod
     def load(cls, run: str | Path, *, encoder: str | None = None, checkpoint: str = LATEST) -> Policy:
-        """Load a checkpoint of a run folder.
+        """Load the policy of a run folder or a policy folder, or one that ships.
 
         Args:
-            run: The run folder.
+            run: The folder, or `zoo:NAME`.
             encoder: Text encoder in place of the run's own, which needs your trust where it does not ship with
                 morphkit; see `trusted_encoder.with_encoder`.
             checkpoint: `latest`, `best`, or the name of one that the run kept.
 
         Raises:
+            UnknownNameError: No policy of that name ships.
             CheckpointError: There is none, it is damaged, or it belongs to another method.
             ConfigError: The run's text encoder does not ship with morphkit, and nobody said that it may be used.
             DependencyError: The text encoder is out of reach.
         """
-        run = Path(run)
-        folder, state = checkpoints.load_state(run, checkpoint)
-        saved = run_settings.read(run)
-        config = run_settings.train_config(run, saved)
-        config = with_encoder(config, run, encoder)
-        arrays = checkpoints.load_arrays(folder / "policy.safetensors")
+        policy = saved_policy.load(run, checkpoint)
+        config = run_settings.train_config(policy.folder, policy.settings)
+        return cls.of(policy, with_encoder(config, policy.folder, encoder))
+
+    @classmethod
+    def of(cls, policy: SavedPolicy, config: TrainConfig) -> Policy:
+        """Build the networks of a policy that was read.
+
+        Args:
+            policy: What was read.
+            config: Its settings, with a text encoder that the user trusts.
+
+        Raises:
+            CheckpointError: Settings and arrays do not fit each other.
+            DependencyError: The text encoder is out of reach.
+        """
+        state, arrays, origin = policy.state, policy.arrays, policy.origin
         vocabulary, quantities = Vocabulary.from_dict(state["vocabulary"]), state["quantities"]
-        origin = folder / "policy.safetensors"
         network_arrays.require_sizes([config.model], vocabulary, arrays, origin)
         counts = {f"normalizer/{key}": np.zeros(len(quantities)) for key in ("count", "mean", "m2")}
         network_arrays.require_shapes(arrays, counts, origin)
@@ -105,18 +117,19 @@ class Policy:
         normalizer.load_state_dict(statistics, quantities)
         if not mean.shape == std.shape == (source.size,):
             raise CheckpointError(
-                f"{folder}: made with embeddings of size {mean.size}; {config.text.encoder!r} gives {source.size}"
+                f"{origin.parent}: made with embeddings of size {mean.size}; "
+                f"{config.text.encoder!r} gives {source.size}"
             )
         components = embedder.components
         if components is not None and (components.ndim != 2 or len(components) != source.size):
             raise CheckpointError(f"{origin}: damaged: embedding/components is {components.shape}")
         method = find_method(config.model.method)
-        checkpoints.check_method(folder, state, method.name)
+        checkpoints.check_method(origin.parent, state, method.name)
         tune = make_tuner(config.text.tune, embedder, vocabulary.texts)
-        with run_settings.buildable(run):
+        with run_settings.buildable(policy.folder):
             actor, _ = build(config.model, embedder.size, vocabulary, tune)
         network_arrays.load_modules({"actor": actor}, arrays, origin)
-        return cls(actor, normalizer, embedder, config, [robot["name"] for robot in saved["robots"]], vocabulary, saved)
+        return cls(actor, normalizer, embedder, config, policy.robots, vocabulary, policy.settings)
 
     def prepare(
         self,

@@ -118,8 +118,9 @@ class TD3:
         }
         first = 0 if self.config.actor_first else self.config.policy_delay - 1
         if (self.updates if number is None else number) % self.config.policy_delay == first:
-            losses["actor_loss"] = self._update_actor(obs, layout, share)
-            polyak(self.actor_target, self.actor, self.config.tau)
+            if self.updates >= self.options.actor_start:
+                losses["actor_loss"] = self._update_actor(obs, layout, share)
+                polyak(self.actor_target, self.actor, self.config.tau)
             polyak(self.critic_target, self.critic, self.config.tau)
         self.updates += 1
         if self.config.reset_updates and self.updates % self.config.reset_updates == 0:
@@ -185,6 +186,10 @@ class TD3:
             "actor_target": self.actor_target,
             "critic_target": self.critic_target,
         }
+
+    def actors(self) -> list[nn.Module]:
+        """The actor, its target and, if there is one, its average."""
+        return [self.actor, self.actor_target, *([self.actor_average] if self.actor_average is not None else [])]
 
     def optimizers(self) -> dict[str, torch.optim.Optimizer]:
         """The optimizers by name."""

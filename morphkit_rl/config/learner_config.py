@@ -28,6 +28,7 @@ class LearnerConfig:
         final_learning_rate: Share of the step sizes that is left when the budget is used up; they fall linearly.
         noise_spread: Exploration noise differs from environment to environment of a robot, evenly from
             `td3.exploration_noise` minus this to plus this.
+        actor_start: Updates of the critics before the first one of the actor, for an actor that is good already.
         actor_average: Share of the last average of actor weights that an update keeps. The average is what evaluations
             and the saved policy act with. 0 for the weights themselves.
         saturation_margin: |atanh(action)| up to which `td3.saturation_penalty` does not count; 2 is an action of 0.96.
@@ -45,6 +46,7 @@ class LearnerConfig:
     critic_learning_rate: float = 0.0
     final_learning_rate: float = bounded(1.0, at_most=1)
     noise_spread: float = 0.0
+    actor_start: int = 0
     actor_average: float = bounded(0.0, at_most=1)
     saturation_margin: float = 0.0
     sample_ahead: bool = False

@@ -98,7 +98,8 @@ class TrainerConfig:
         num_envs: Environments a robot; more where `total_envs` says so.
         total_envs: Environments of all robots together, at least: few robots get more each, so that a robot alone is
             stepped as often for each update as a family; 0 for `num_envs` a robot, as where that is changed by name.
-        start_steps: Random environment steps, over all robots.
+        start_steps: Environment steps, over all robots, before the first update; actions are random, or those of the
+            policy that training goes on from.
         start_steps_per_robot: The same as steps a robot; the larger of the two holds.
         updates_per_sweep: Updates after each step of all environments, of the schedule `sweeps`.
         replay_capacity: Transitions kept, over all robots.

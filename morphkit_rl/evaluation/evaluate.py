@@ -69,7 +69,7 @@ def evaluate(
     """Run a trained policy on robots, seen or unseen.
 
     Args:
-        run: The run folder.
+        run: The run folder, or what else `Policy.load` takes.
         descriptions: The robots.
         episodes: Episodes a robot, for the policy and for the random one; each starts from a reset of its own.
         seed: Seed of resets and of the random policy.

@@ -55,6 +55,17 @@ class LearnedTokens(nn.Module):
         sensors, actions = self._rows[layout]
         return F.pad(self.sensors, (0, 0, 0, 1))[sensors], F.pad(self.actions, (0, 0, 0, 1))[actions]
 
+    def rows_of(self, part: str, other: LearnedTokens) -> Tensor:
+        """Embeddings of `other` for the names of this vocabulary; zeros for names that it lacks.
+
+        Args:
+            part: `sensors` or `actions`.
+            other: Embeddings of another vocabulary.
+        """
+        row = {name: number for number, name in enumerate(getattr(other.vocabulary, part))}
+        rows = torch.tensor([row.get(name, len(row)) for name in getattr(self.vocabulary, part)], dtype=torch.long)
+        return F.pad(getattr(other, part).detach(), (0, 0, 0, 1))[rows]
+
 
 def _rows(names: list[str] | tuple[str, ...], known: tuple[str, ...], layout: Layout) -> Tensor:
     row = {name: number for number, name in enumerate(known)}

@@ -19,6 +19,7 @@ from morphkit.utils.staging import require_text
 CONFIG, METRICS, CHECKPOINTS, REPLAY, ROBOTS = "config.json", "metrics.jsonl", "checkpoints", "replay", "robots"
 LATEST, BEST = "latest", "best"
 TRACKED = "tracked-as.txt"
+POLICY, START = "policy.json", "start"
 
 CHECKPOINT_NAME = re.compile(r"step-\d{12,20}-\d{10,20}(-again){0,9}", re.ASCII)
 SEGMENT_NAME = re.compile(r"sweeps-\d{10,20}-\d{10,20}\.safetensors", re.ASCII)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import subprocess
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -25,8 +24,10 @@ from morphkit.utils.suggest import did_you_mean_or_list
 from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.envs.robot import Robot, prepare
 from morphkit_rl.envs.tasks import Task
-from morphkit_rl.runs import robot_entry, run_folder, saved_task, schema
-from morphkit_rl.runs.run_folder import CONFIG, ROBOTS
+from morphkit_rl.runs import robot_entry, run_folder, saved_policy, saved_task, schema
+from morphkit_rl.runs.git_commit import git_commit
+from morphkit_rl.runs.run_folder import CONFIG, ROBOTS, START
+from morphkit_rl.runs.saved_policy import SavedPolicy
 from morphkit_rl.text.encoder import TextEncoder
 
 _NOTHING: Mapping[str, Sequence[str]] = MappingProxyType({})
@@ -49,6 +50,7 @@ class RunSettings:
         steps: Budget of environment steps over all robots; None for none.
         device: Torch device of the learner.
         threads: Torch threads; sums differ in the last digits with another number.
+        start: The policy that training goes on from; None begins anew.
     """
 
     robots: tuple[Description, ...]
@@ -62,6 +64,7 @@ class RunSettings:
     steps: int | None
     device: str
     threads: int
+    start: SavedPolicy | None = None
 
     def __post_init__(self) -> None:
         if not self.robots:
@@ -121,8 +124,10 @@ def create(run: Path, settings: RunSettings, mended: Mapping[str, Sequence[str]]
     if settings.config.text.naming == "canonical":
         robots, validation = (tuple(map(_with_names, part)) for part in (settings.robots, settings.validation))
         settings = replace(settings, robots=robots, validation=validation)
+    if settings.start is not None:
+        saved_policy.save(settings.start, run / START)
     versions = {name: metadata.version(name) for name in PACKAGES}
-    _write(run, settings, {"versions": versions, "git_commit": _git_commit(), "mended": dict(mended)})
+    _write(run, settings, {"versions": versions, "git_commit": git_commit(), "mended": dict(mended)})
 
 
 def with_budget(run: Path, settings: RunSettings, minutes: float | None, steps: int | None) -> RunSettings:
@@ -188,7 +193,8 @@ def load(run: Path) -> RunSettings:
         fields = {name: saved[name] for name in ("base", "seed", "minutes", "steps", "device", "threads")}
         config = train_config(run, saved)
         hold_out = tuple(saved["hold_out"])
-        return RunSettings(robots=robots, validation=validation, hold_out=hold_out, config=config, task=task, **fields)
+        start = saved_policy.load(run / START) if (run / START).exists() else None
+        return RunSettings(robots, validation, hold_out, config, task=task, start=start, **fields)
     except (OSError, ConfigError) as error:
         raise CheckpointError(f"{run / CONFIG}: damaged: {error}") from None
 
@@ -262,17 +268,3 @@ def _with_names(robot: Description) -> Description:
 
 def _writer(source: bytes) -> Callable[[Path], object]:
     return lambda file: file.write_bytes(source)
-
-
-def _git_commit(file: Path = Path(__file__)) -> str | None:
-    """Commit of the source tree that `file` is part of; None where there is none.
-
-    A package that was installed into somebody's checkout is no part of it: git must know the file.
-    """
-    git = ["git", "-C", str(file.parent)]
-    try:
-        for command in (["ls-files", "--error-unmatch", file.name], ["rev-parse", "HEAD"]):
-            done = subprocess.run([*git, *command], capture_output=True, text=True, check=True, timeout=10)
-        return done.stdout.strip()
-    except (OSError, subprocess.SubprocessError):
-        return None

@@ -215,9 +215,12 @@ def _warm_up(config: TrainConfig, collector: Collector) -> bool:
 
 
 def _explore(config: TrainConfig, agent: Agent, collector: Collector, rng: np.random.Generator) -> np.ndarray:
-    """Actions of all robots: random ones, or the policy's with noise on every column."""
+    """Actions of all robots: random ones, or the policy's with noise on every column.
+
+    Where training goes on from a policy, that acts from the first step.
+    """
     shape = (collector.num_envs, collector.layout.num_actions)
-    if _warm_up(config, collector):
+    if agent.start is None and _warm_up(config, collector):
         return rng.uniform(-1, 1, shape).astype(np.float32)
     noise = rng.standard_normal(shape, dtype=np.float32) * _noise_levels(config)
     return (agent.act(collector.obs) + noise).clip(-1, 1)

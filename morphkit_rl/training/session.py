@@ -9,6 +9,7 @@ import torch
 
 from morphkit.errors import CheckpointError, ConfigError, MorphkitError
 from morphkit_rl.algorithms.agent import Agent
+from morphkit_rl.algorithms.fine_tuning import load_start
 from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.kernels import library
 from morphkit_rl.models.vocabulary import Vocabulary
@@ -57,7 +58,8 @@ class Session:
         library.prepare()  # Actions are random at first, so that nobody waits.
         torch.manual_seed(settings.seed)
         self.rng = np.random.default_rng([settings.seed, 1])
-        self.agent = Agent(config, [robot.spec for robot in robots], settings.device)
+        start = None if settings.start is None else load_start(settings.start, config)
+        self.agent = Agent(config, [robot.spec for robot in robots], settings.device, start)
         self.collector = Collector(robots, self.agent.robots.layout, config.trainer, settings.seed)
         self.schedule = make_schedule(config, self.agent, self.collector, self.rng, settings.seed)
         self.monitor = Monitor(

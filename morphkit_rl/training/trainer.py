@@ -18,7 +18,7 @@ from morphkit.morphology import Base
 from morphkit.utils.interrupts import Interrupts
 from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.envs.tasks import Task
-from morphkit_rl.runs import checkpoint, run_folder, run_settings
+from morphkit_rl.runs import checkpoint, run_folder, run_settings, saved_policy
 from morphkit_rl.runs.lock import alone
 from morphkit_rl.runs.metrics_log import MetricsLog
 from morphkit_rl.runs.saved_task import chosen_task, run_terms
@@ -45,6 +45,7 @@ def train(
     steps: int | None = None,
     device: str = "cpu",
     strict: bool = False,
+    start: str | Path | None = None,
     progress: Callable[[Progress], None] | None = None,
     notice: Callable[[str], None] | None = None,
 ) -> TrainSummary:
@@ -63,12 +64,16 @@ def train(
         steps: Environment steps over all robots.
         device: Torch device of the learner.
         strict: Whether robots are refused of which something has to be mended.
+        start: What to go on from, as `Policy.load` takes it, on these robots or others: actor and observation
+            statistics are its own, critics begin anew. `config` is what `fine_tuning.start_config` gives.
         progress: Called about once a second.
         notice: Called before training with a sentence for each thing that was mended; the run keeps them too.
 
     Raises:
-        ConfigError: A robot has no actuators or is one that the method cannot express, two have the same name, the
-            budget makes no sense, or something has to be mended and `strict` is True.
+        CheckpointError: `start` is missing or damaged.
+        ConfigError: `start` was made with other settings, a robot has no actuators or is one that the method cannot
+            express, two have the same name, the budget makes no sense, or something has to be mended and `strict` is
+            True.
         UnknownNameError: A name in `hold_out` or `validation` is none of the robots.
         OutputError: The run folder cannot be written or holds files.
         TrainingError: Losses or actions are no longer finite, or the simulation of a robot diverged in every episode.
@@ -87,6 +92,7 @@ def train(
         steps=steps,
         device=device,
         threads=torch.get_num_threads(),
+        start=None if start is None else saved_policy.load(start),
     )
     trainer = Trainer(settings, strict=strict)
     run_settings.create(run, settings, trainer.session.mended)

@@ -89,7 +89,7 @@ def test_wrong_usage_is_explained(arguments, expected, capsys):
 
 
 @pytest.mark.parametrize(
-    "command", ["robots", "tokens", "ablate", "check", "convert", "diff", "show", "train", "evaluate", "export"]
+    "command", ["robots", "tokens", "ablate", "check", "convert", "diff", "show", "train", "evaluate", "export", "zoo"]
 )
 def test_help_has_examples(command, capsys):
     assert run([command, "--help"]) == 0

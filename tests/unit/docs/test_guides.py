@@ -18,7 +18,13 @@ NEW = re.compile(rf"^New file `([^`]+)`:{BLOCK}", re.MULTILINE | re.DOTALL)
 INSERT = re.compile(rf"^In `([^`]+)`, after `([^`]+)`:{BLOCK}", re.MULTILINE | re.DOTALL)
 APPEND = re.compile(rf"^At the end of `([^`]+)`:{BLOCK}", re.MULTILINE | re.DOTALL)
 TRY = re.compile(r"^Try it:\n\n```python\n(.*?)```\n\n```text\n(.*?)```", re.MULTILINE | re.DOTALL)
-FOLDERS = {"morphkit": "morphkit", "morphkit_rl": "morphkit_rl", "cli": "morphkit_cli", "robots": "morphkit_robots"}
+FOLDERS = {
+    "morphkit": "morphkit",
+    "morphkit_rl": "morphkit_rl",
+    "cli": "morphkit_cli",
+    "robots": "morphkit_robots",
+    "zoo": "morphkit_zoo",
+}
 
 
 def copied(file: str, into: Path) -> Path:

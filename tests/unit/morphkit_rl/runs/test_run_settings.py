@@ -19,6 +19,7 @@ from morphkit.registry import load
 from morphkit_rl.config.train_config import TrainConfig, load_config
 from morphkit_rl.evaluation.evaluate import evaluate
 from morphkit_rl.runs import checkpoint, run_settings
+from morphkit_rl.runs.git_commit import git_commit
 from morphkit_rl.runs.metrics_log import read_metrics
 from morphkit_rl.training.collector import Collector
 from morphkit_rl.training.session import Session
@@ -62,8 +63,8 @@ def test_the_commit_of_a_checkout_that_something_was_installed_into_is_not_recor
     git("init")
     git("add", "own.py")
     git("commit", "-m", "a")
-    assert run_settings._git_commit(tmp_path / "own.py") == git("rev-parse", "HEAD").strip()
-    assert run_settings._git_commit(tmp_path / "installed.py") is None
+    assert git_commit(tmp_path / "own.py") == git("rev-parse", "HEAD").strip()
+    assert git_commit(tmp_path / "installed.py") is None
 
 
 def test_a_run_folder_takes_one_process_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
