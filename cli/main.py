@@ -26,6 +26,7 @@ from . import (
     diff,
     evaluate,
     export,
+    push,
     robots,
     show,
     tokens,
@@ -83,6 +84,7 @@ _register("show", show.show, show.EXAMPLES)
 _register("train", train.train, train.EXAMPLES)
 _register("evaluate", evaluate.evaluate, evaluate.EXAMPLES)
 _register("export", export.export, export.EXAMPLES)
+_register("push", push.push, push.EXAMPLES)
 _register("zoo", zoo.zoo, zoo.EXAMPLES)
 
 _benchmark = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")

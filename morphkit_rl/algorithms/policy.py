@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from morphkit_rl.models import build
 from morphkit_rl.models.layout import build_layout
 from morphkit_rl.models.vocabulary import Vocabulary
 from morphkit_rl.runs import checkpoint as checkpoints
-from morphkit_rl.runs import network_arrays, run_settings, saved_policy
+from morphkit_rl.runs import hub, network_arrays, run_settings, saved_policy
 from morphkit_rl.runs.run_folder import LATEST
 from morphkit_rl.runs.saved_policy import SavedPolicy
 from morphkit_rl.runs.trusted_encoder import with_encoder
@@ -47,7 +47,7 @@ class Policy:
         config: What the policy was trained with.
         trained_on: Names of the training robots.
         vocabulary: What the networks were made for.
-        saved: The `config.json` of its run.
+        saved: What it was read from.
 
     Example:
         >>> policy = Policy.load("runs/cheetah")  # doctest: +SKIP
@@ -62,10 +62,10 @@ class Policy:
         config: TrainConfig,
         trained_on: Sequence[str] = (),
         vocabulary: Vocabulary | None = None,
-        saved: Mapping[str, Any] | None = None,
+        saved: SavedPolicy | None = None,
     ):
         self.actor, self.normalizer, self.embedder, self.config = actor, normalizer, embedder, config
-        self.trained_on, self.vocabulary, self._saved = tuple(trained_on), vocabulary, saved or {}
+        self.trained_on, self.vocabulary, self.saved = tuple(trained_on), vocabulary, saved
         self._controllers: dict[TokenSpec, Controller] = {}
         self._latest: tuple[TokenSpec, Controller] | None = None  # finding a specification takes 30 us
 
@@ -129,7 +129,44 @@ class Policy:
         with run_settings.buildable(policy.folder):
             actor, _ = build(config.model, embedder.size, vocabulary, tune)
         network_arrays.load_modules({"actor": actor}, arrays, origin)
-        return cls(actor, normalizer, embedder, config, policy.robots, vocabulary, policy.settings)
+        return cls(actor, normalizer, embedder, config, policy.robots, vocabulary, policy)
+
+    @classmethod
+    def from_hub(cls, repository: str, *, encoder: str | None = None, **options: Any) -> Policy:
+        """Load a policy from the Hugging Face hub.
+
+        Args:
+            repository: `OWNER/NAME`.
+            encoder: As in `load`.
+            options: `revision`, `token` and `endpoint` of `runs.hub.fetched`.
+
+        Raises:
+            DependencyError: huggingface_hub is not installed.
+            CheckpointError: There is no such policy, or the hub is out of reach.
+            ConfigError: As `load`.
+        """
+        with hub.fetched(repository, **options) as folder:
+            return cls.load(folder, encoder=encoder)
+
+    def push_to_hub(self, repository: str, *, card: str | None = None, **options: Any) -> str:
+        """Upload the policy to the Hugging Face hub, as it was loaded.
+
+        Args:
+            repository: `OWNER/NAME`.
+            card: The model card, Markdown; `evaluation.model_card` writes one.
+            options: `private`, `token` and `endpoint` of `runs.hub.push`.
+
+        Returns:
+            Address of the repository.
+
+        Raises:
+            ConfigError: The policy was not loaded from anywhere.
+            DependencyError: huggingface_hub is not installed.
+            OutputError: The hub refuses or is out of reach, or the folder that the policy was loaded from is gone.
+        """
+        if self.saved is None:
+            raise ConfigError("only a policy that was loaded can be uploaded; it was made in memory")
+        return hub.push(self.saved, repository, {} if card is None else {saved_policy.CARD: card}, **options)
 
     def prepare(
         self,
@@ -150,10 +187,11 @@ class Policy:
         Raises:
             ConfigError: A robot has no actuators.
         """
-        task, base = task or self._saved.get("task"), base or self._saved.get("base")
+        settings = {} if self.saved is None else self.saved.settings
+        task, base = task or settings.get("task"), base or settings.get("base")
         robots = []
         for description in descriptions:
-            named = run_settings.with_names_of(self._saved, description)
+            named = run_settings.with_names_of(settings, description)
             robots.append(run_settings.prepare_robot(self.config, named, task=task, base=base, drawn=drawn))
             if not robots[-1].spec.actuators:
                 raise ConfigError(f"{description.name}: has no actuators, so there is nothing to control")

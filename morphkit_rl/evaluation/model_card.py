@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from morphkit_rl.evaluation.episodes import mean_interval, normalized
 from morphkit_rl.evaluation.evaluate import RobotResult
-from morphkit_rl.runs.saved_policy import SavedPolicy
+from morphkit_rl.runs.saved_policy import CARD, EVALUATION, SavedPolicy, read_card, read_evaluation
 
 HEADER = """---
 license: mit
@@ -74,6 +75,16 @@ def model_card(
         "does was seen in simulation alone.\n"
     )
     return "\n".join(parts)
+
+
+def push_texts(policy: SavedPolicy, repository: str) -> dict[str, str]:
+    """Card and evaluation of a policy that goes to a repository, by file: its own where it has them."""
+    evaluation = read_evaluation(policy.folder)
+    if (policy.folder / CARD).is_file():
+        card = read_card(policy.folder)
+    else:
+        card = model_card(repository.rpartition("/")[2], policy, evaluation)
+    return {CARD: card, **({} if evaluation is None else {EVALUATION: json.dumps(evaluation, indent=1) + "\n"})}
 
 
 def _number(value: int) -> str:

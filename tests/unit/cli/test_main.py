@@ -89,7 +89,8 @@ def test_wrong_usage_is_explained(arguments, expected, capsys):
 
 
 @pytest.mark.parametrize(
-    "command", ["robots", "tokens", "ablate", "check", "convert", "diff", "show", "train", "evaluate", "export", "zoo"]
+    "command",
+    ["robots", "tokens", "ablate", "check", "convert", "diff", "show", "train", "evaluate", "export", "push", "zoo"],
 )
 def test_help_has_examples(command, capsys):
     assert run([command, "--help"]) == 0
