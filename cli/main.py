@@ -23,6 +23,7 @@ from . import (
     check,
     common,
     convert,
+    coverage,
     diff,
     evaluate,
     export,
@@ -83,6 +84,7 @@ _register("diff", diff.diff, diff.EXAMPLES)
 _register("show", show.show, show.EXAMPLES)
 _register("train", train.train, train.EXAMPLES)
 _register("evaluate", evaluate.evaluate, evaluate.EXAMPLES)
+_register("coverage", coverage.coverage, coverage.EXAMPLES)
 _register("export", export.export, export.EXAMPLES)
 _register("push", push.push, push.EXAMPLES)
 _register("zoo", zoo.zoo, zoo.EXAMPLES)

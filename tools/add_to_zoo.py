@@ -16,6 +16,7 @@ from pathlib import Path
 
 from morphkit.errors import MorphkitError
 from morphkit.registry import load_all
+from morphkit_rl.algorithms.policy import Policy
 from morphkit_rl.evaluation.evaluate import evaluate
 from morphkit_rl.evaluation.model_card import evaluation_of, model_card
 from morphkit_rl.runs import run_settings, saved_policy
@@ -32,7 +33,8 @@ def add(options: argparse.Namespace) -> Path:
     bodies += [body for body in others if body.name not in known]
     how = {"episodes": options.episodes, "seed": options.seed, "checkpoint": options.checkpoint}
     results = evaluate(options.run, bodies, **how)
-    evaluation = evaluation_of(results, options.episodes, options.seed)
+    robots = Policy.load(options.run, checkpoint=options.checkpoint).prepare(bodies)
+    evaluation = evaluation_of(results, robots, options.episodes, options.seed)
     card = model_card(options.name, policy, evaluation, summary=options.summary, command=options.command)
     folder: Path = options.output / options.name
     texts = {saved_policy.EVALUATION: json.dumps(evaluation, indent=1) + "\n", saved_policy.CARD: card}

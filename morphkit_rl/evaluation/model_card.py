@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from morphkit_rl.envs.robot import Robot
 from morphkit_rl.evaluation.episodes import mean_interval, normalized
 from morphkit_rl.evaluation.evaluate import RobotResult
 from morphkit_rl.runs.saved_policy import CARD, EVALUATION, SavedPolicy, read_card, read_evaluation
@@ -20,8 +21,8 @@ tags: [reinforcement-learning, robotics, mujoco, morphology]
 """
 
 
-def evaluation_of(results: Sequence[RobotResult], episodes: int, seed: int) -> dict[str, Any]:
-    """Results as `evaluation.json` holds them."""
+def evaluation_of(results: Sequence[RobotResult], robots: Sequence[Robot], episodes: int, seed: int) -> dict[str, Any]:
+    """Results as `evaluation.json` holds them; `robots` are those that they are of."""
     rows = [
         {
             "robot": result.robot,
@@ -29,8 +30,9 @@ def evaluation_of(results: Sequence[RobotResult], episodes: int, seed: int) -> d
             "returns": [round(value, 2) for value in result.returns],
             "random_mean": round(result.random_mean, 2),
             "expert_return": result.expert_return,
+            "actuators": [actuator.text for actuator in robot.spec.actuators],
         }
-        for result in results
+        for result, robot in zip(results, robots, strict=True)
     ]
     return {"episodes": episodes, "seed": seed, "robots": rows}
 

@@ -145,6 +145,7 @@ class _Measured(Part):
     returns: Annotated[list[float], Field(min_length=1)]
     random_mean: float
     expert_return: float | None
+    actuators: list[str]
 
 
 class Evaluation(Part):

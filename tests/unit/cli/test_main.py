@@ -90,7 +90,21 @@ def test_wrong_usage_is_explained(arguments, expected, capsys):
 
 @pytest.mark.parametrize(
     "command",
-    ["robots", "tokens", "ablate", "check", "convert", "diff", "show", "train", "evaluate", "export", "push", "zoo"],
+    [
+        "robots",
+        "tokens",
+        "ablate",
+        "check",
+        "convert",
+        "coverage",
+        "diff",
+        "show",
+        "train",
+        "evaluate",
+        "export",
+        "push",
+        "zoo",
+    ],
 )
 def test_help_has_examples(command, capsys):
     assert run([command, "--help"]) == 0

@@ -1,0 +1,65 @@
+"""How much of a robot a policy of a few steps knows."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from morphkit.registry import load
+from morphkit_cli.main import run as morphkit
+from morphkit_rl.algorithms.policy import Policy
+from morphkit_rl.evaluation.coverage import coverage
+from morphkit_rl.evaluation.evaluate import evaluate
+from morphkit_rl.evaluation.model_card import evaluation_of
+from morphkit_rl.runs import saved_policy
+from morphkit_rl.training.trainer import train
+from tests.support.run_folders import small_config
+
+
+@pytest.fixture(scope="module")
+def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A policy folder with measured returns on its three training bodies."""
+    folder = tmp_path_factory.mktemp("coverage")
+    bodies = [load(name) for name in ("hopper_3", "hopper_4", "hopper_5")]
+    train(bodies, folder / "run", small_config(), steps=18)
+    results, robots = evaluate(folder / "run", bodies, episodes=1), Policy.load(folder / "run").prepare(bodies)
+    measured = evaluation_of(results, robots, 1, 0)
+    saved_policy.save(saved_policy.load(folder / "run"), folder / "policy", {"evaluation.json": json.dumps(measured)})
+    return folder / "policy"
+
+
+def test_a_training_body_is_covered_and_predicted(policy: Path) -> None:
+    found = coverage(policy, load("hopper_4"))
+    assert all(match.trained and match.cosine == 1 and match.nearest == match.text for match in found.texts)
+    assert [limb.trained for limb in found.limbs] == [limb.tokens for limb in found.limbs]
+    assert (found.outside, found.notes) == ((), ())
+    assert found.prediction is not None
+    assert (found.prediction.calibrated_on, found.prediction.bodies) == ("leave-one-out", 3)
+
+
+def test_what_another_robot_has_besides_is_named(policy: Path) -> None:
+    found = coverage(policy, load("quadruped"))
+    assert not any(match.trained for match in found.texts)
+    assert all(match.cosine < 0.999 for match in found.texts)
+    outside = {each.what: (each.value, each.low, each.high) for each in found.outside}
+    assert outside["limbs"] == (13, 3, 5)
+    assert outside["actuators in all"] == (12, 2, 4)
+    calf = next(match for match in found.texts if match.token == "FL_calf_position_z")
+    assert calf.nearest.endswith("position z")
+
+
+def test_the_command_prints_and_a_run_without_measured_returns_says_so(
+    policy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert morphkit(["coverage", str(policy), "hopper_3"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("hopper_3: 59 of 59 token texts are those of training\n")
+    assert "leave-one-out errors over 3 training bodies" in text
+    assert morphkit(["coverage", str(policy.with_name("run")), "cheetah", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["prediction"] is None
+    (note,) = found["notes"]
+    assert note.startswith("no prediction: nothing was measured of this policy")
+    assert {each["what"] for each in found["outside"]} >= {"limbs", "mass of the heaviest limb in kg"}
