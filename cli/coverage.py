@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from morphkit_rl.evaluation.coverage import Coverage
 
 EXAMPLES = (
-    "morphkit coverage zoo:cheetahs my_robot.urdf",
+    "morphkit coverage zoo:cheetah-family my_robot.urdf",
     "morphkit coverage runs/first cheetah --json",
 )
 

@@ -20,7 +20,7 @@ EXAMPLES = (
     "morphkit show quadruped",
     "morphkit show my_robot.urdf --png robot.png --gif joints.gif",
     "morphkit show my_robot.urdf --web",
-    "morphkit show zoo:cheetahs",
+    "morphkit show zoo:cheetah-family",
 )
 
 

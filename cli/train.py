@@ -20,7 +20,7 @@ EXAMPLES = (
     "morphkit train cheetah-family --run runs/first --hold-out cheetah-no-ffoot --steps 370000",
     "morphkit train my_robot.urdf --run runs/own --task locomotion --base planar --steps 500000",
     "morphkit train --run runs/first --resume",
-    "morphkit train my_robot.xml --run runs/tuned --from zoo:cheetahs --steps 200000",
+    "morphkit train my_robot.xml --run runs/tuned --from zoo:cheetah-family --steps 200000",
 )
 
 
