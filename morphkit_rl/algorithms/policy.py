@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +25,8 @@ from morphkit_rl.models import build
 from morphkit_rl.models.layout import build_layout
 from morphkit_rl.models.vocabulary import Vocabulary
 from morphkit_rl.runs import checkpoint as checkpoints
-from morphkit_rl.runs import hub, network_arrays, run_settings, saved_policy
-from morphkit_rl.runs.run_folder import LATEST
+from morphkit_rl.runs import hub, network_arrays, run_settings, saved_policy, saved_task
+from morphkit_rl.runs.run_folder import CONFIG, LATEST
 from morphkit_rl.runs.saved_policy import SavedPolicy
 from morphkit_rl.runs.trusted_encoder import with_encoder
 from morphkit_rl.text.baselines import controlled
@@ -187,8 +187,11 @@ class Policy:
         Raises:
             ConfigError: A robot has no actuators.
         """
-        settings = {} if self.saved is None else self.saved.settings
-        task, base = task or settings.get("task"), base or settings.get("base")
+        settings: Mapping[str, Any] = {}
+        if self.saved is not None:
+            settings = self.saved.settings
+            task = task or saved_task.from_json(settings, str(self.saved.folder / CONFIG))
+            base = base or settings.get("base")
         robots = []
         for description in descriptions:
             named = run_settings.with_names_of(settings, description)

@@ -19,6 +19,7 @@ from morphkit.utils.atomic_write import write_text
 from morphkit.utils.plain_files import read_plain
 from morphkit.utils.staging import staged_folder
 from morphkit_rl.runs import checkpoint, run_folder, schema, zoo
+from morphkit_rl.runs.policy_schema import Evaluation, PolicyState
 from morphkit_rl.runs.run_folder import CONFIG, LATEST, POLICY, ROBOTS
 
 ARRAYS, CARD, EVALUATION = "policy.safetensors", "README.md", "evaluation.json"
@@ -66,7 +67,7 @@ def load(target: str | Path, which: str = LATEST) -> SavedPolicy:
         run_folder.require_run(folder)
         if which != LATEST:
             raise CheckpointError(f"{target}: has no checkpoint {which!r}; its policy is all that it holds")
-        state = schema.read(folder / POLICY, schema.PolicyState)
+        state = schema.read(folder / POLICY, PolicyState)
         origin, digest = folder / ARRAYS, state["sha256"]
     else:
         place, state = checkpoint.load_state(folder, which)
@@ -117,7 +118,7 @@ def read_evaluation(folder: Path) -> dict[str, Any] | None:
     """
     if not (folder / EVALUATION).is_file():
         return None
-    return schema.read(folder / EVALUATION, schema.Evaluation)
+    return schema.read(folder / EVALUATION, Evaluation)
 
 
 def read_card(folder: Path) -> str:

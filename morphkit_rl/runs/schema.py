@@ -62,7 +62,9 @@ class Generator(Part):
     uinteger: Annotated[int, Field(ge=0, lt=2**32)]
 
 
-class _Vocabulary(Part):
+class VocabularyEntry(Part):
+    """What networks were made for; see `models.vocabulary`."""
+
     sensors: list[str]
     actions: list[str]
     texts: list[str]
@@ -95,7 +97,7 @@ class State(Part):
 
     format_version: Literal[2, 3]
     method: str
-    vocabulary: _Vocabulary
+    vocabulary: VocabularyEntry
     quantities: list[str]
     token_texts: Sha256
     precision: Literal["float32", "bfloat16"]
@@ -122,38 +124,6 @@ class State(Part):
             if self.sha256 is None or not all(getattr(part, "sha256", None) for part in parts):
                 raise ValueError("a digest is missing")
         return self
-
-
-class PolicyState(Part):
-    """`policy.json`: what the arrays of a policy folder belong to, and their size and digest."""
-
-    format_version: Literal[1]
-    method: str
-    vocabulary: _Vocabulary
-    quantities: list[str]
-    steps: Count
-    real_steps: Count
-    updates: Count
-    elapsed_s: Annotated[float, Field(ge=0)]
-    size: Count
-    sha256: Sha256
-
-
-class _Measured(Part):
-    robot: str
-    trained_on: bool
-    returns: Annotated[list[float], Field(min_length=1)]
-    random_mean: float
-    expert_return: float | None
-    actuators: list[str]
-
-
-class Evaluation(Part):
-    """`evaluation.json`: what a policy is worth on bodies of training and on held-out ones."""
-
-    episodes: Count
-    seed: Count
-    robots: list[_Measured]
 
 
 class RobotEntry(Part):

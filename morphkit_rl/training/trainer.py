@@ -64,16 +64,13 @@ def train(
         steps: Environment steps over all robots.
         device: Torch device of the learner.
         strict: Whether robots are refused of which something has to be mended.
-        start: What to go on from, as `Policy.load` takes it, on these robots or others: actor and observation
-            statistics are its own, critics begin anew. `config` is what `fine_tuning.start_config` gives.
+        start: Policy to go on from, as `Policy.load` takes it, with the `config` of `fine_tuning.start_config`.
         progress: Called about once a second.
         notice: Called before training with a sentence for each thing that was mended; the run keeps them too.
 
     Raises:
-        CheckpointError: `start` is missing or damaged.
-        ConfigError: `start` was made with other settings, a robot has no actuators or is one that the method cannot
-            express, two have the same name, the budget makes no sense, or something has to be mended and `strict` is
-            True.
+        ConfigError: A robot has no actuators or is one that the method cannot express, two have the same name, the
+            budget makes no sense, `start` is of other settings, or something has to be mended and `strict` is True.
         UnknownNameError: A name in `hold_out` or `validation` is none of the robots.
         OutputError: The run folder cannot be written or holds files.
         TrainingError: Losses or actions are no longer finite, or the simulation of a robot diverged in every episode.
@@ -97,8 +94,7 @@ def train(
     trainer = Trainer(settings, strict=strict)
     run_settings.create(run, settings, trainer.session.mended)
     if notice is not None:
-        for sentence in said_once(trainer.session.mended):
-            notice(sentence)
+        list(map(notice, said_once(trainer.session.mended)))
     with alone(run):
         return trainer.run(run, progress)
 
