@@ -88,7 +88,8 @@ def evaluate(
     else:
         _print_table(found)
         spent = common.duration(elapsed_s)
-        note(f"\ntrained for {common.count(steps, 'step')}, in {spent} ({name})")
+        note("")
+        note(f"trained for {common.count(steps, 'step')}, in {spent} ({name})")
     _say_diverged(found)
     films = _films(run, bodies, video, seed=seed, **where) if video is not None else iter(())
     if track is None:
