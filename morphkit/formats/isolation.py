@@ -6,6 +6,7 @@ little, and holds nothing that multiplies is worked on directly, since what it c
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -13,11 +14,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from morphkit.description import Description
-from morphkit.errors import AssetError, DescriptionError
+from morphkit.errors import AssetError, DescriptionError, MorphkitError
 from morphkit.formats.assets import mentions
 from morphkit.formats.budgets import check_numbers
 from morphkit.formats.document import document_of
 from morphkit.formats.limits import MESH_BYTES
+from morphkit.formats.mjcf_include import flattened
 from morphkit.formats.mjcf_schema import EXPANDERS
 from morphkit.formats.resolve import locate
 from morphkit.utils.isolation import in_worker, run_isolated
@@ -31,13 +33,13 @@ SMALL_NUMBERS = 2**22
 """Numbers that its attributes ask for."""
 PLAIN_MESHES = (".stl", ".obj", ".msh")
 """Meshes that take time and memory in proportion to their bytes; other formats can refer to a part many times."""
-_COSTLY = ("include", "model", "lengthrange", "muscle", "plugin", *EXPANDERS)
+_COSTLY = ("model", "lengthrange", "muscle", "plugin", *EXPANDERS)
 T = TypeVar("T")
 
 
 def expanding(description: Description) -> Limits | None:
     """Limits for reading a description without its meshes; None where that costs little."""
-    root = document_of(description).root
+    root = _whole(description)
     if root.tag == "robot" or (next(root.iter(*_COSTLY), None) is None and _is_short(root)):
         return None
     return Limits.for_meshes(0, 0)
@@ -45,7 +47,7 @@ def expanding(description: Description) -> Limits | None:
 
 def compiling(description: Description) -> Limits | None:
     """Limits for compiling a description; None where that costs little."""
-    root = document_of(description).root
+    root = _whole(description)
     paths = _meshes(description)
     plain = all(path.suffix.lower() in PLAIN_MESHES for path in paths) and sum(_sizes(paths)) <= SMALL_BYTES
     short = expanding(description) is None and _is_short(root)
@@ -90,6 +92,17 @@ def isolated(call: Callable[..., T], description: Description, limits: Limits | 
     )
 
 
+def _whole(description: Description) -> Any:
+    """The root element with what the file includes; without that where it cannot be followed."""
+    document = document_of(description)
+    if description.format == "urdf" or next(document.root.iter("include"), None) is None:
+        return document.root
+    with contextlib.suppress(MorphkitError):
+        tree = flattened(document, description.folder, file=description.file, packages=description.packages)
+        return tree.getroot()
+    return document.root
+
+
 def _is_short(root: Any) -> bool:
     return not any(number >= SMALL_ELEMENTS for number, _ in enumerate(root.iter()))
 
@@ -101,7 +114,7 @@ def _meshes(description: Description) -> list[Path]:
 
 def _located(description: Description) -> Iterator[Path]:
     find = partial(locate, description=description)
-    for each in mentions(document_of(description).root, find):
+    for each in mentions(_whole(description), find):
         if each.element.tag in ("mesh", "skin", "hfield"):
             try:
                 yield find(each.reference)

@@ -155,7 +155,7 @@ class _Pool(Generic[T, R]):
             return f"it took more than {self._limits.seconds:.3g} s of processor time; {ADVICE}"
         how = f"exit code {code}" if code is None or code >= 0 else signal.Signals(-code).name
         said = f"the simulator {'crashed' if code is not None and code < 0 else 'ended the process'} ({how})"
-        if self._limits is None:
+        if self._limits is None or code == -signal.SIGSEGV:
             return said
         return f"{said}, perhaps because it needs more than {self._limits.memory / 2**30:.1f} GiB of memory; {ADVICE}"
 
