@@ -22,7 +22,6 @@ from morphkit.formats.limits import MESH_BYTES
 from morphkit.formats.mjcf_include import flattened
 from morphkit.formats.mjcf_schema import EXPANDERS
 from morphkit.formats.resolve import locate
-from morphkit.utils.isolation import in_worker, run_isolated
 from morphkit.utils.process_limits import Limits
 
 SMALL_BYTES = 2**24
@@ -81,8 +80,10 @@ def isolated(call: Callable[..., T], description: Description, limits: Limits | 
         DescriptionError: The limits did not suffice, or the process died.
         MorphkitError: As `call`.
     """
-    if limits is None or in_worker():
+    if limits is None:
         return call(description, **options)
+    from morphkit.utils.isolation import run_isolated  # which takes long to import, for few files
+
     sent = replace(description, packages=dict(description.packages))
     sent.keep(morphology=description.morphology)
     return run_isolated(
