@@ -34,7 +34,7 @@ def check_instances(path: Path) -> None:
     """
     try:
         root = _tree(path).getroot()
-    except etree.XMLSyntaxError:
+    except (etree.XMLSyntaxError, OSError):  # the latter for bytes that are no text
         return  # which the reader says in its own words
     nodes = {node.get("id"): node for node in root.iter("{*}node") if node.get("id")}
     shown: dict[str, int] = {}

@@ -20,7 +20,10 @@ MEMORY_A_BYTE = 32
 FACTOR = "MORPHKIT_LIMITS"
 """Variable of the environment by which both limits are multiplied."""
 ADVICE = f"if you trust the file, allow ten times as much with {FACTOR}=10"
-_WANT_OF_MEMORY = ("could not allocate", "bad_alloc", "cannot allocate", "unable to allocate", "unknown exception")
+_WANT_OF_MEMORY = (
+    *("could not allocate", "bad_alloc", "cannot allocate", "unable to allocate", "unknown exception"),
+    "failed to map segment",
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,7 +40,6 @@ def parses(monkeypatch: pytest.MonkeyPatch) -> Counter[bytes]:
         return real(source, *arguments, **options)
 
     monkeypatch.setattr("lxml.etree.parse", parse)
-    monkeypatch.setattr("morphkit.formats.isolation.in_worker", lambda: True)  # nothing in another process
     return counts
 
 

@@ -128,6 +128,6 @@ def test_a_method_says_which_robot_it_cannot_express(tmp_path: Path, method: str
 def test_a_device_that_is_not_there_is_named_before_anything_is_written(tmp_path: Path) -> None:
     for precision in ("auto", "float32"):
         settings = config("smp", f"trainer.precision={precision}")
-        with pytest.raises(ConfigError, match="device 'cuda:99' cannot be used here"):
+        with pytest.raises(ConfigError, match="device 'cuda:99'"):
             train([load("hopper_3")], tmp_path / "run", settings, steps=12, device="cuda:99")
         assert not (tmp_path / "run").exists()
