@@ -147,7 +147,7 @@ def test_what_multiplies_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_workers_that_compile_variants_have_limits(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MORPHKIT_LIMITS", "0.02")
+    monkeypatch.setenv("MORPHKIT_LIMITS", "0.1")
     field = '<hfield name="h" nrow="8000" ncol="8000" size="1 1 1 1"/>'
     assert "MORPHKIT_LIMITS" in compile_problem(robot(mjcf(field, 'type="hfield" hfield="h"')))
     assert not compile_problem(ablate(ROBOT, remove=["leg"]).description)
