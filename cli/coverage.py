@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -10,6 +9,7 @@ import typer
 
 from . import common
 from .table import table, terminal_width
+from .terminal import write
 
 if TYPE_CHECKING:
     from morphkit_rl.evaluation.coverage import Coverage
@@ -53,7 +53,7 @@ def coverage(
     if as_json:
         common.print_json(asdict(found))
     else:
-        sys.stdout.write(_text(found))
+        write(_text(found))
 
 
 def _text(found: Coverage) -> str:

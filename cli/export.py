@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from . import common
+from .terminal import note
 
 EXAMPLES = (
     "morphkit export runs/first cheetah --onnx policy.onnx",
@@ -60,6 +61,6 @@ def export(
         if path is not None:
             difference = write(policy, prepared, path)
             written.append({"file": str(path), "robot": prepared.name, "largest_difference": difference})
-            typer.echo(f"{path}: controls differ from the policy's by at most {difference:.1e}", err=True)
+            note(f"{path}: controls differ from the policy's by at most {difference:.1e}")
     if as_json:
         common.print_json(written)

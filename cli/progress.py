@@ -70,7 +70,7 @@ class ProgressDisplay:
     def say(self, sentence: str) -> None:
         """Print a sentence of its own."""
         if not self._quiet:
-            self._console.print(sentence)
+            self._console.print(line(sentence))
 
     def _start_bar(self) -> None:
         from rich.live import Live

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from . import common
+from .terminal import write
 
 EXAMPLES = (
     "morphkit push runs/first my-name/cheetahs",
@@ -29,4 +30,4 @@ def push(
     from morphkit_rl.runs import hub, saved_policy
 
     policy = saved_policy.load(run, checkpoint)
-    typer.echo(hub.push(policy, repository, push_texts(policy, repository), private=private))
+    write(hub.push(policy, repository, push_texts(policy, repository), private=private) + "\n")

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from . import common
-from .terminal import note
+from .terminal import note, write
 
 if TYPE_CHECKING:
     from morphkit.description import Description
@@ -81,7 +80,7 @@ def show(
 def _card(policy: str) -> None:
     from morphkit_rl.runs import saved_policy, zoo
 
-    sys.stdout.write(saved_policy.read_card(zoo.find(policy)))
+    write(saved_policy.read_card(zoo.find(policy)))
 
 
 def _tree(description: Description) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Annotated, Any
 
 import typer
 
 from . import common
 from .table import table, terminal_width
+from .terminal import write
 
 EXAMPLES = (
     "morphkit zoo",
@@ -41,7 +41,7 @@ def zoo(as_json: Annotated[bool, typer.Option("--json", help="Print JSON, with e
         for row in rows
     ]
     columns = ("policy", "method", *numbers)
-    sys.stdout.write(table(columns, cells, right=numbers, dispensable=("steps",), width=terminal_width()))
+    write(table(columns, cells, right=numbers, dispensable=("steps",), width=terminal_width()))
 
 
 def _row(name: str) -> dict[str, Any]:
