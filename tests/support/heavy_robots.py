@@ -31,8 +31,9 @@ def png(width: int, height: int, *, rows: int = 0) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
 
 
-def doubling_dae(times: int) -> str:
-    """A COLLADA file of one tetrahedron that is shown 2^times times."""
+def doubling_dae(times: int, faces: int = 4) -> str:
+    """A COLLADA file of one tetrahedron, its faces given over and over, that is shown 2^times times."""
+    corners = " ".join(("0 1 2", "0 1 3", "0 2 3", "1 2 3")[face % 4] for face in range(faces))
     doubled = "".join(f'<node id="n{i}">' + 2 * f'<instance_node url="#n{i + 1}"/>' + "</node>" for i in range(times))
     params = "".join(f'<param name="{axis}" type="float"/>' for axis in "XYZ")
     return (
@@ -40,10 +41,10 @@ def doubling_dae(times: int) -> str:
         '<library_geometries><geometry id="g"><mesh><source id="p">'
         '<float_array id="a" count="12">0 0 0 1 0 0 0 1 0 0 0 1</float_array><technique_common>'
         f'<accessor source="#a" count="4" stride="3">{params}</accessor></technique_common></source>'
-        '<vertices id="v"><input semantic="POSITION" source="#p"/></vertices><triangles count="4">'
-        '<input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2 0 1 3 0 2 3 1 2 3</p></triangles></mesh></geometry>'
-        f'</library_geometries><library_nodes>{doubled}<node id="n{times}"><instance_geometry url="#g"/></node>'
-        '</library_nodes><library_visual_scenes><visual_scene id="s"><node id="r"><instance_node url="#n0"/></node>'
+        '<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>'
+        f'<triangles count="{faces}"><input semantic="VERTEX" source="#v" offset="0"/><p>{corners}</p></triangles></mesh>'
+        f'</geometry></library_geometries><library_nodes>{doubled}<node id="n{times}"><instance_geometry url="#g"/>'
+        '</node></library_nodes><library_visual_scenes><visual_scene id="s"><node id="r"><instance_node url="#n0"/></node>'
         '</visual_scene></library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>'
     )
 

@@ -134,8 +134,8 @@ def test_meshes_that_multiply(tmp_path: Path) -> None:
 
 
 def test_meshes_that_need_much(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "m.dae").write_text(doubling_dae(10))
-    monkeypatch.setenv("MORPHKIT_LIMITS", "0.00001")
+    (tmp_path / "m.dae").write_text(doubling_dae(10, faces=4000))
+    monkeypatch.setenv("MORPHKIT_LIMITS", "0.001")
     with pytest.raises(AssetError, match=r"m\.dae: cannot be read as a mesh: .* MORPHKIT_LIMITS=10"):
         read_for_mujoco(tmp_path / "m.dae")
 
