@@ -42,10 +42,11 @@ def doubling_dae(times: int, faces: int = 4) -> str:
         '<float_array id="a" count="12">0 0 0 1 0 0 0 1 0 0 0 1</float_array><technique_common>'
         f'<accessor source="#a" count="4" stride="3">{params}</accessor></technique_common></source>'
         '<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>'
-        f'<triangles count="{faces}"><input semantic="VERTEX" source="#v" offset="0"/><p>{corners}</p></triangles></mesh>'
-        f'</geometry></library_geometries><library_nodes>{doubled}<node id="n{times}"><instance_geometry url="#g"/>'
-        '</node></library_nodes><library_visual_scenes><visual_scene id="s"><node id="r"><instance_node url="#n0"/></node>'
-        '</visual_scene></library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>'
+        f'<triangles count="{faces}"><input semantic="VERTEX" source="#v" offset="0"/><p>{corners}</p></triangles>'
+        "</mesh></geometry></library_geometries>"
+        f'<library_nodes>{doubled}<node id="n{times}"><instance_geometry url="#g"/>'
+        '</node></library_nodes><library_visual_scenes><visual_scene id="s"><node id="r"><instance_node url="#n0"/>'
+        '</node></visual_scene></library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>'
     )
 
 
