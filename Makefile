@@ -12,7 +12,7 @@ STAMP := $(VENV)/.filled
 PYTHON ?= $(firstword $(foreach name,python3 python3.13 python3.12 python3.11 python3.14,\
 	$(shell $(name) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $(name))))
 SEED ?= 0
-MINUTES ?= 8
+MINUTES ?= 4
 WORKERS ?= auto
 PIP_FLAGS ?=
 
