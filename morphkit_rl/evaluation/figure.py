@@ -58,7 +58,8 @@ def results_figure(metrics: Sequence[Mapping[str, Any]], results: Sequence[Resul
 
     Args:
         metrics: Rows of metrics.jsonl: `steps` (environment steps so far), `return_mean` (over the training bodies,
-            None before the first episode ends) and `returns` (body -> mean return of its latest episodes).
+            None before the first episode ends), `first_return_mean` (the same, of bodies that have ended only their
+            first, shorter episodes too) and `returns` (body -> mean return of its latest episodes).
         results: One a body, in the order of the bars.
         path: The file; one of that name is replaced.
 
@@ -119,6 +120,10 @@ def _draw_curves(axes: Axes, metrics: Sequence[Mapping[str, Any]]) -> None:
         label = robot if few else ("each body" if index == 0 else None)
         axes.plot(steps, values, color=_CURVES[index] if few else "#9CC9E6", linewidth=1.0, label=label,
                   marker="." if len(steps) == 1 else None)  # fmt: skip
+    steps, values = _curve(metrics, [row.get("first_return_mean") for row in metrics])
+    if len(steps):
+        axes.plot(steps, values, color=_TRAINED, linewidth=1.6, linestyle=":", marker="." if len(steps) == 1 else None,
+                  label="mean, with first, shorter episodes scaled up")  # fmt: skip
     steps, values = _curve(metrics, [row.get("return_mean") for row in metrics])
     if len(steps):
         axes.plot(steps, values, color=_TRAINED, linewidth=2.8, label="mean of the training bodies",

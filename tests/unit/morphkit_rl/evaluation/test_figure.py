@@ -57,6 +57,13 @@ def saved(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     return figures
 
 
+def test_first_episodes_begin_the_curve_of_the_mean(saved: list[Figure], tmp_path: Path) -> None:
+    metrics = [{**row, "first_return_mean": first} for row, first in zip(METRICS, (None, -8.0, 3.0, None), strict=True)]
+    results_figure(metrics, RESULTS, tmp_path / "result.png")
+    (dotted,) = [line for line in saved[0].axes[0].lines if line.get_linestyle() == ":"]
+    assert np.array_equal(dotted.get_xydata(), [[1000, -8], [2000, 3]])
+
+
 def test_curves_hold_the_finite_points_of_each_body_and_of_the_mean(saved: list[Figure], tmp_path: Path) -> None:
     results_figure(METRICS, RESULTS, tmp_path / "result.png")
     lines = {line.get_label(): np.asarray(line.get_xydata()).tolist() for line in saved[0].axes[0].lines}
