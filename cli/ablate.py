@@ -33,7 +33,7 @@ EXAMPLES = (
 
 
 def ablate(
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a shipped robot, or a URDF or MJCF file.")],
+    robot: common.RobotArgument,
     remove: Annotated[
         list[str] | None,
         typer.Option(
@@ -93,9 +93,7 @@ def ablate(
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an output folder that holds other files.")] = False,
-    root: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The top-level body to take, where the file has several.")
-    ] = None,
+    root: common.RootOption = None,
     package: common.PackageOption = None,
     xacro_arg: common.XacroArgOption = None,
     trust_xacro: common.TrustXacroOption = False,

@@ -38,6 +38,21 @@ XacroArgOption = Annotated[
 ]
 
 
+RobotArgument = Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a shipped robot, or a URDF or MJCF file.")]
+
+RootOption = Annotated[
+    str | None, typer.Option(metavar="NAME", help="The top-level body to take, where the file has several.")
+]
+
+RunTaskOption = Annotated[str | None, typer.Option(help="Task of the robot.", show_default="as in the run")]
+
+RunBaseOption = Annotated[
+    Literal["planar", "free", "fixed"] | None,
+    typer.Option(
+        help="How the root is attached to the world, where the file leaves it open.", show_default="as in the run"
+    ),
+]
+
 PolicyArgument = Annotated[
     Path, typer.Argument(metavar="RUN", help="Folder of a training run, or zoo:NAME (see morphkit zoo).")
 ]

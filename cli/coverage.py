@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -22,19 +22,11 @@ EXAMPLES = (
 
 def coverage(
     run: common.PolicyArgument,
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a shipped robot, or a URDF or MJCF file.")],
-    task: Annotated[str | None, typer.Option(help="Task of the robot.", show_default="as in the run")] = None,
-    base: Annotated[
-        Literal["planar", "free", "fixed"] | None,
-        typer.Option(
-            help="How the root is attached to the world, where the file leaves it open.",
-            show_default="as in the run",
-        ),
-    ] = None,
+    robot: common.RobotArgument,
+    task: common.RunTaskOption = None,
+    base: common.RunBaseOption = None,
     encoder: common.EncoderOption = None,
-    root: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The top-level body to take, where the file has several.")
-    ] = None,
+    root: common.RootOption = None,
     package: common.PackageOption = None,
     xacro_arg: common.XacroArgOption = None,
     trust_xacro: common.TrustXacroOption = False,

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -44,13 +44,7 @@ def evaluate(
     task: Annotated[
         str | None, typer.Option(metavar="NAME_OR_FILE", help="Task of all bodies.", show_default="as in the run")
     ] = None,
-    base: Annotated[
-        Literal["planar", "free", "fixed"] | None,
-        typer.Option(
-            help="How the root is attached to the world, where the file leaves it open.",
-            show_default="as in the run",
-        ),
-    ] = None,
+    base: common.RunBaseOption = None,
     video: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Film an episode: an .mp4 or .gif; of several bodies, FILE-<body> each."),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -18,24 +18,16 @@ EXAMPLES = (
 
 def export(
     run: common.PolicyArgument,
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a shipped robot, or a URDF or MJCF file.")],
+    robot: common.RobotArgument,
     onnx: Annotated[Path | None, typer.Option("--onnx", metavar="FILE", help="Write ONNX, for onnxruntime.")] = None,
     torchscript: Annotated[
         Path | None, typer.Option("--torchscript", metavar="FILE", help="Write TorchScript, for PyTorch and libtorch.")
     ] = None,
-    task: Annotated[str | None, typer.Option(help="Task of the robot.", show_default="as in the run")] = None,
-    base: Annotated[
-        Literal["planar", "free", "fixed"] | None,
-        typer.Option(
-            help="How the root is attached to the world, where the file leaves it open.",
-            show_default="as in the run",
-        ),
-    ] = None,
+    task: common.RunTaskOption = None,
+    base: common.RunBaseOption = None,
     checkpoint: common.CheckpointOption = "latest",
     encoder: common.EncoderOption = None,
-    root: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The top-level body to take, where the file has several.")
-    ] = None,
+    root: common.RootOption = None,
     package: common.PackageOption = None,
     xacro_arg: common.XacroArgOption = None,
     trust_xacro: common.TrustXacroOption = False,

@@ -46,9 +46,7 @@ def show(
         int | None,
         typer.Option(min=1, max=65535, metavar="N", help="With --web: port on this machine.", show_default="8080"),
     ] = None,
-    root: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The top-level body to take, where the file has several.")
-    ] = None,
+    root: common.RootOption = None,
     package: common.PackageOption = None,
     xacro_arg: common.XacroArgOption = None,
     trust_xacro: common.TrustXacroOption = False,

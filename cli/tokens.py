@@ -28,7 +28,7 @@ EXAMPLES = (
 
 
 def tokens(
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a shipped robot, or a URDF or MJCF file.")],
+    robot: common.RobotArgument,
     output_format: Annotated[
         Literal["table", "json", "csv"] | None,
         typer.Option("--format", help="How to print the tokens.", show_default="table"),
@@ -60,9 +60,7 @@ def tokens(
             show_default="all",
         ),
     ] = None,
-    root: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The top-level body to take, where the file has several.")
-    ] = None,
+    root: common.RootOption = None,
     package: common.PackageOption = None,
     xacro_arg: common.XacroArgOption = None,
     trust_xacro: common.TrustXacroOption = False,
