@@ -7,7 +7,8 @@ from importlib import metadata
 from pathlib import Path
 
 from morphkit_rl.benchmark.cells import Status
-from morphkit_rl.benchmark.published import published_steps
+from morphkit_rl.benchmark.published import OVERALL, Kind, published_returns, published_steps
+from morphkit_rl.benchmark.report import figure_style as style
 from morphkit_rl.benchmark.report.tables import MISSING, markdown, show, show_estimate
 from morphkit_rl.benchmark.summary import Entry, Improvement, Overall
 
@@ -19,8 +20,8 @@ _HOW_TO_READ = f"""## How to read the numbers
 - **score**: (return - random) / (expert - random) of noise-free episodes, with the returns of a random policy and of a
   single-robot expert; interquartile mean over seeds and robots.
 - **[low, high]**: 95 % bootstrap interval over seeds, stratified by task. A single seed has none.
-- **published**: read off the study's figures (bars to about 2 %, curves to about 5 %); 3 seeds,
-  {published_steps():,} counted steps.
+- **published**: of the method itself, else the best of those in the study, with its name. Read off the study's figures
+  (bars to about 2 %, curves to about 5 %); 3 seeds, {published_steps():,} counted steps.
 - Only cells that are done count. `{MISSING}` means that there is no number.
 """
 
@@ -98,15 +99,26 @@ def _tasks(entries: Sequence[Entry]) -> str:
             each.method,
             each.states,
             show_estimate(each.training_return),
-            show(each.published_training),
+            _published(each.published_training, "train", each.split, each.task, each.role == "validation"),
             show_estimate(each.held_out) if each.has_held_out else "none held out",
-            show(each.published_held_out),
+            _published(each.published_held_out, "zero_shot", each.split, each.task, each.role == "validation"),
             show_estimate(each.training_score, 3),
             show_estimate(each.held_out_score, 3),
         )
         for each in entries
     ]
     return markdown(("task", "method", "seeds", *numbers), rows, right=numbers)
+
+
+def _published(own: float | None, kind: Kind, split: str, task: str, incomparable: bool) -> str:
+    """The published return of a method; of one that has none, the best of the others with its name."""
+    levels = {} if incomparable else published_returns(kind, split, task)
+    if incomparable or not levels:
+        return MISSING
+    if own is not None:
+        return show(own)
+    best = max(levels, key=lambda name: levels[name])
+    return f"{show(levels[best])} ({style.label(best)})"
 
 
 def _overall(totals: Sequence[Overall], entries: Sequence[Entry]) -> str:
@@ -122,7 +134,7 @@ def _overall(totals: Sequence[Overall], entries: Sequence[Entry]) -> str:
                 tasks,
                 show_estimate(each.held_out),
                 # Comparable only over the same tasks.
-                show(each.published_held_out) if whole else MISSING,
+                _published(each.published_held_out, "zero_shot", each.split, OVERALL, not whole),
                 show_estimate(each.held_out_score, 3),
                 show_estimate(each.training_score, 3),
             )
