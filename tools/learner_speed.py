@@ -123,7 +123,7 @@ class Learner:
         """Learn for so long."""
         start, updates = time.perf_counter(), 0
         while (passed := time.perf_counter() - start) < seconds:
-            for batch in batches(self.config, self.buffers, self.rng):
+            for batch in batches(self.config, self.buffers, self.rng, self.config.td3.discount):
                 self.agent.update(batch, self.rng)
                 updates += 1
         return updates * self.batch_size / passed
@@ -134,7 +134,7 @@ class Learner:
             updates, share = self.config.td3.policy_delay, self.batch_size // len(self.buffers)
             with kernels(on=False), FlopCounterMode(display=False) as counter:
                 for number in range(updates):
-                    batch = next(iter(batches(self.config, self.buffers, self.rng)))
+                    batch = next(iter(batches(self.config, self.buffers, self.rng, self.config.td3.discount)))
                     for robot, view in enumerate(self.agent.each):
                         self.agent.update(self._part(batch, robot), self.rng, view, number)
             self._flop = counter.get_total_flops() / (updates * share * len(self.buffers))

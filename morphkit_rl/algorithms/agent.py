@@ -56,6 +56,7 @@ class Agent:
     Attributes:
         robots: All training robots side by side.
         each: The training robots one by one.
+        discount: Discount of one step, for now.
 
     Raises:
         ConfigError: There is no such method, or it cannot express one of the robots.
@@ -87,6 +88,7 @@ class Agent:
             keys, statistics = fine_tuning.take_over_statistics(start)
             self.normalizer.load_state_dict(statistics, keys)
         self.normalizer.index(specs, grow=True)
+        self.discount = config.td3.discount
         self.returns = None
         if config.learner.normalize_returns:
             self.returns = ReturnNormalizer(
@@ -138,6 +140,15 @@ class Agent:
         """
         if self.returns is not None:
             self.returns.update(np.stack(reward), ended)
+
+    def set_progress(self, used: float) -> None:
+        """Set step sizes and discount for a moment when the share `used` of the budget is used up."""
+        self.learner.set_rates(used)
+        first, last = 1 - self.config.td3.discount, 1 - self.config.learner.final_discount
+        if self.config.learner.final_discount > 0:
+            self.discount = 1 - first ** (1 - used) * last**used
+            if self.returns is not None:
+                self.returns.discount = self.discount
 
     def refresh(self) -> None:
         """From now on, standardize with the statistics of all that was observed so far."""

@@ -26,6 +26,8 @@ class LearnerConfig:
             returns, largest of their absolute values / `support`).
         critic_learning_rate: Adam's step size for the critics; 0 for that of the actor, `td3.learning_rate`.
         final_learning_rate: Share of the step sizes that is left when the budget is used up; they fall linearly.
+        final_discount: What `td3.discount` has become when the budget is used up; 1 - discount changes by a constant
+            factor a step (Francois-Lavet et al. 2015, section 3). 0: it stays.
         noise_spread: Exploration noise differs from environment to environment of a robot, evenly from
             `td3.exploration_noise` minus this to plus this.
         actor_start: Updates of the critics before the first one of the actor, for an actor that is good already.
@@ -45,6 +47,7 @@ class LearnerConfig:
     normalize_returns: bool = False
     critic_learning_rate: float = 0.0
     final_learning_rate: float = bounded(1.0, at_most=1)
+    final_discount: float = bounded(0.0, at_most=1)
     noise_spread: float = 0.0
     actor_start: int = 0
     actor_average: float = bounded(0.0, at_most=1)

@@ -73,7 +73,7 @@ class Sweeps:
             self._first[place] = False
         losses: dict[str, Tensor] = {}
         if not warm_up:
-            for batch in batches(self.config, self.collector.buffers, self.rng):
+            for batch in batches(self.config, self.collector.buffers, self.rng, self.agent.discount):
                 losses.update(self.agent.update(batch, self.rng))
         return losses
 
@@ -122,7 +122,7 @@ class Rounds:
             self._collect()
             return {}
         robot, td3 = int(waiting[0]), self.config.td3
-        batch = sample([self.collector.buffers[robot]], td3.batch_size, td3.n_step, td3.discount, self.rng)
+        batch = sample([self.collector.buffers[robot]], td3.batch_size, td3.n_step, self.agent.discount, self.rng)
         number = int(self.updates_due[robot] - self.updates_left[robot])
         self.updates_left[robot] -= 1
         return self.agent.update(batch, self.rng, self.agent.each[robot], number)
@@ -176,15 +176,24 @@ def _elapsed(collector: Collector, seed: int) -> np.ndarray:
     return (shares * lengths[:, None]).astype(np.int64)
 
 
-def batches(config: TrainConfig, buffers: Sequence[ReplayBuffer], rng: np.random.Generator) -> Iterator[Batch]:
-    """Draw the batches of a sweep's updates."""
+def batches(
+    config: TrainConfig, buffers: Sequence[ReplayBuffer], rng: np.random.Generator, discount: float
+) -> Iterator[Batch]:
+    """Draw the batches of a sweep's updates.
+
+    Args:
+        config: All settings.
+        buffers: Replay of each robot.
+        rng: Source of the draws.
+        discount: Discount of one step.
+    """
     td3, updates = config.td3, config.trainer.updates_per_sweep
     share = -(-td3.batch_size // len(buffers))
     if config.learner.sample_ahead:
-        yield from sample(buffers, share * updates, td3.n_step, td3.discount, rng).split(updates)
+        yield from sample(buffers, share * updates, td3.n_step, discount, rng).split(updates)
         return
     for _ in range(updates):
-        yield sample(buffers, share, td3.n_step, td3.discount, rng)
+        yield sample(buffers, share, td3.n_step, discount, rng)
 
 
 def make_schedule(

@@ -20,6 +20,7 @@ from morphkit_rl.config.methods import method_names
 from morphkit_rl.config.train_config import TrainConfig, load_config
 from morphkit_rl.envs.episode_counters import Episode
 from morphkit_rl.runs.run_settings import RunSettings
+from morphkit_rl.training import schedules
 from morphkit_rl.training.schedules import Rounds, Sweeps, batches
 from morphkit_rl.training.session import Session
 from tests.support.networks import tiny_overrides
@@ -246,13 +247,26 @@ def test_batches_drawn_ahead_are_parts_of_one_draw_and_as_many_and_large_as_othe
     one = run_on(session("hopper", "arm", overrides=("trainer.start_steps=1000000", "td3.batch_size=6")), 20)
     config, buffers = one.settings.config, one.collector.buffers
     ahead, apart = (replace(config, learner=replace(config.learner, sample_ahead=way)) for way in (True, False))
-    together = list(batches(ahead, buffers, np.random.default_rng(3)))
-    single = list(batches(apart, buffers, np.random.default_rng(3)))
+    together = list(batches(ahead, buffers, np.random.default_rng(3), config.td3.discount))
+    single = list(batches(apart, buffers, np.random.default_rng(3), config.td3.discount))
     updates = config.trainer.updates_per_sweep
     assert [len(batch.obs) for batch in together] == [len(batch.obs) for batch in single] == [3] * updates
     whole = sample(buffers, 3 * updates, config.td3.n_step, config.td3.discount, np.random.default_rng(3))
     for name in Batch.__slots__:
         np.testing.assert_array_equal(np.concatenate([getattr(b, name) for b in together]), getattr(whole, name))
+
+
+def test_the_discount_goes_from_first_to_last_with_the_budget_and_is_that_of_batches_and_returns(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    overrides = ("trainer.start_steps=0", "td3.discount=0.9", "learner.final_discount=0.999")
+    one, drawn = session("hopper", overrides=overrides), []
+    monkeypatch.setattr(schedules, "sample", lambda *given: drawn.append(given[3]) or sample(*given))
+    assert one.agent.returns is not None
+    for used, expected in ((0.0, 0.9), (0.5, 0.99), (1.0, 0.999)):
+        one.agent.set_progress(used)
+        run_on(one, 1)
+        assert [drawn.pop(), one.agent.returns.discount] == pytest.approx([expected] * 2)
 
 
 def test_returns_are_counted_with_the_ends_of_episodes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -277,7 +291,8 @@ def test_updates_take_the_scale_of_the_robots_that_they_are_for(monkeypatch: pyt
     monkeypatch.setattr(one.agent.learner, "update", lambda *rest: given.append(rest[-1].tolist()) or {})
     one.agent.refresh()
     for view in (one.agent.robots, *one.agent.each):
-        one.agent.update(next(iter(batches(one.settings.config, one.collector.buffers, one.rng))), one.rng, view)
+        batch = next(iter(batches(one.settings.config, one.collector.buffers, one.rng, one.agent.discount)))
+        one.agent.update(batch, one.rng, view)
     assert one.agent.returns is not None
     scales = one.agent.returns.scale().tolist()
     assert given == [scales, scales[:1], scales[1:]]
