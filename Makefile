@@ -1,6 +1,7 @@
 # Every target makes and fills .venv first where it is missing or out of date, so that it is the only command needed.
 #   make demo                     a family of bodies, one policy, a body it never saw (SEED=1 MINUTES=5 for others)
 #   make test | lint | bench      tests; style, types and import rules; measured speeds
+#   make test-cluster             the tests that need Ray, which it installs
 #   make docs                     the documentation site, in build/site; a broken link or reference fails
 #   make corpus | fuzz            other people's robots, read, converted, stepped and cut; attacks, for minutes (FUZZ_MINUTES=60 PART=xacro)
 # PYTHON=/path/to/python3.12 chooses the interpreter (3.11 or newer) that makes .venv.
@@ -17,7 +18,7 @@ WORKERS ?= auto
 PIP_FLAGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test lint types imports docs bench corpus fuzz clean
+.PHONY: help venv demo test test-cluster lint types imports docs bench corpus fuzz clean
 
 help:
 	@sed -n 's/^#   /  /p' Makefile
@@ -40,6 +41,10 @@ demo: $(STAMP)
 # A worker a core, each with one thread: more threads would only fight for the cores.
 test: $(STAMP)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS)
+
+test-cluster: $(STAMP)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_FLAGS) -c constraints.txt -e '.[cluster]'
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q tests/end_to_end/test_cluster.py
 
 lint: $(STAMP) types imports
 	$(BIN)/ruff check .

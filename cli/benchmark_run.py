@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,10 +14,11 @@ from .benchmark import FILE_HELP, print_cells
 from .terminal import note
 
 if TYPE_CHECKING:
-    from morphkit_rl.benchmark.cells import MatrixPlan
+    from morphkit_rl.benchmark.cells import MatrixPlan, Status
     from morphkit_rl.training.trainer import Progress
 
 EXAMPLES = (
+    "morphkit benchmark run --task all --split all --method limb-former --ray 10.0.0.1:6379",
     "morphkit benchmark run --task cheetahs --split 1 --method limb-former --seeds 3",
     "morphkit benchmark run --task walkers --task hoppers --split 1 --method limb-former --seeds 3 --minutes 30",
     "morphkit benchmark run --task mine --split mine --method limb-former --seeds 1 --file mine.toml --validate",
@@ -47,50 +48,54 @@ def run(
     ] = False,
     file: Annotated[Path | None, typer.Option(metavar="FILE", help=FILE_HELP)] = None,
     device: Annotated[str, typer.Option(help="PyTorch device, such as cpu or cuda.")] = "cpu",
+    ray: common.RayOption = None,
+    cpus: common.CpusOption = 1,
+    storage: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            help="With --ray: fsspec address, such as s3://bucket/matrix, through which nodes that share no disk hand "
+            "on their cells.",
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the cells as JSON.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress and no table.")] = False,
 ) -> None:
     """Train and evaluate methods on the benchmark: every task, split, method and seed is a cell.
 
     The same command goes on where it was stopped; done cells are left as they are, failed ones are
-    tried again. Several processes may work on one folder: each cell is run by one of them.
+    tried again. Several processes may work on one folder: each cell is run by one of them. With --ray
+    the cells are tasks of a Ray cluster, of this machine or of many.
     """
+    if storage and ray is None:
+        raise common.UsageError("--storage goes with --ray.")
     from morphkit_rl.benchmark.definition import load_benchmark
     from morphkit_rl.benchmark.planning import plan_matrix
-    from morphkit_rl.benchmark.runner import run_matrix
-
-    from .progress import ProgressDisplay
 
     benchmark = load_benchmark(file)
     splits = list(benchmark.splits) if split == ["all"] else split
     tasks = list(benchmark.tasks) if task == ["all"] else task
-    plans = plan_matrix(
-        benchmark,
-        tasks=tasks,
-        splits=splits,
-        methods=method,
-        seeds=seeds,
-        steps=steps,
-        minutes=minutes,
-        preset=preset,
-        overrides=settings or [],
-        episodes=episodes,
-        validate=validate,
-    )
-
-    @contextmanager
-    def watch(plan: MatrixPlan, number: int) -> Iterator[Callable[[Progress], None]]:
-        with ProgressDisplay(f"cell {number + 1} of {len(plans)}: {plan.cell}", quiet=quiet) as display:
-            yield display.update
-
+    options: dict[str, Any] = {
+        "steps": steps,
+        "minutes": minutes,
+        "preset": preset,
+        "overrides": settings or [],
+        "episodes": episodes,
+        "validate": validate,
+    }
+    plans = plan_matrix(benchmark, tasks=tasks, splits=splits, methods=method, seeds=seeds, **options)
+    if ray is None:
+        statuses = _here(plans, out, device, quiet=quiet)
+    else:
+        statuses = _on_cluster(ray, cpus, plans, out, (file, options, storage, device))
     found = []
     try:
-        for each in run_matrix(plans, out, watch=watch, device=device):
+        for each in statuses:
             found.append(each)
             if each.state == "failed":
                 note(f"{each.cell}: failed: {each.detail}; see {each.folder / 'failure.json'}")
-            elif not quiet and each.state != "done":
-                note(f"{each.cell}: {each.state}: {each.detail}")
+            elif not quiet and (each.state != "done" or ray is not None):
+                note(f"{each.cell}: {each.state}{': ' if each.detail else ''}{each.detail}")
     except KeyboardInterrupt:
         note(f"{len(found)} of {common.count(len(plans), 'cell')} behind; the same command goes on")
         raise
@@ -100,3 +105,38 @@ def run(
         note(f"next: morphkit benchmark report {out}")
     if any(each.state == "failed" for each in found):
         raise typer.Exit(1)
+
+
+def _here(plans: Sequence[MatrixPlan], matrix: Path, device: str, *, quiet: bool) -> Iterator[Status]:
+    """Run cells one after the other in this process, with a progress bar each."""
+    from morphkit_rl.benchmark.runner import run_matrix
+
+    from .progress import ProgressDisplay
+
+    @contextmanager
+    def watch(plan: MatrixPlan, number: int) -> Iterator[Callable[[Progress], None]]:
+        with ProgressDisplay(f"cell {number + 1} of {len(plans)}: {plan.cell}", quiet=quiet) as display:
+            yield display.update
+
+    yield from run_matrix(plans, matrix, watch=watch, device=device)
+
+
+def _on_cluster(
+    address: str,
+    cpus: float,
+    plans: Sequence[MatrixPlan],
+    matrix: Path,
+    asked: tuple[Path | None, dict[str, Any], str | None, str],
+) -> Iterator[Status]:
+    """Run cells as tasks of a Ray cluster, whose nodes have other working directories."""
+    from morphkit_rl.benchmark.distributed import Request, run_on_cluster
+    from morphkit_rl.cluster.connection import connected
+    from morphkit_rl.cluster.jobs import Resources
+
+    file, options, storage, device = asked
+    preset = options["preset"]
+    if preset and preset.endswith(".toml"):
+        options = {**options, "preset": str(Path(preset).resolve())}
+    request = Request(file and file.resolve(), options, matrix.resolve(), storage, device)
+    with connected(address) as ray:
+        yield from run_on_cluster(ray, plans, request, Resources(cpus, gpus=int(device.startswith("cuda"))))

@@ -79,6 +79,21 @@ TrackOption = Annotated[
     typer.Option("--track", help="Where to show it: TensorBoard, Weights & Biases or Trackio; the latter are extras."),
 ]
 
+RayOption = Annotated[
+    str | None,
+    typer.Option(
+        "--ray",
+        metavar="[ADDRESS]",
+        help="Run as tasks of the Ray cluster at HOST:PORT, ray://HOST:PORT or auto; without an address, of one that "
+        "is started on this machine.",
+        show_default=False,
+    ),
+]
+
+CpusOption = Annotated[
+    float, typer.Option(min=0.01, metavar="N", help="With --ray: cores of a node that each task takes.")
+]
+
 TrustXacroOption = Annotated[
     bool,
     typer.Option(

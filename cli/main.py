@@ -111,6 +111,12 @@ def _usage_error(error: Exception) -> int:
     return int(getattr(error, "exit_code", 2))
 
 
+def _with_values(words: Sequence[str]) -> list[str]:
+    """Arguments in which `--ray` has its value: `local` where no address follows."""
+    pairs = zip(words, [*words[1:], "-"], strict=False)
+    return [f"{word}=local" if word == "--ray" and after.startswith("-") else word for word, after in pairs]
+
+
 def _drop_stdout() -> None:
     """Point stdout at nothing, so that what is still buffered raises no second error at exit."""
     sink = os.open(os.devnull, os.O_WRONLY)
@@ -145,7 +151,7 @@ def _run(arguments: Sequence[str] | None) -> int:
     """The exit code of a command; every error has become a message."""
     try:
         # Outside its standalone mode Typer returns the code of an Exit and leaves usage errors to us.
-        code = app(args=arguments, standalone_mode=False)
+        code = app(args=_with_values(sys.argv[1:] if arguments is None else arguments), standalone_mode=False)
         sys.stdout.flush()
         return code if isinstance(code, int) else 0
     except (KeyboardInterrupt, typer.Abort):

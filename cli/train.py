@@ -12,6 +12,7 @@ import typer
 from . import common
 from .table import table
 from .terminal import note, one_line, write
+from .train_seeds import train_seeds
 
 if TYPE_CHECKING:
     from morphkit_rl.training.progress import TrainSummary
@@ -20,6 +21,7 @@ EXAMPLES = (
     "morphkit train cheetah-family --run runs/first --hold-out cheetah-no-ffoot --steps 370000",
     "morphkit train my_robot.urdf --run runs/own --task locomotion --base planar --steps 500000",
     "morphkit train --run runs/first --resume",
+    "morphkit train cheetah-family --run runs/three --seeds 3 --steps 370000 --ray",
     "morphkit train my_robot.xml --run runs/tuned --from zoo:cheetah-family --steps 200000",
 )
 
@@ -58,6 +60,12 @@ def train(
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting, such as td3.tau=0.01.")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of all random numbers.", show_default="0")] = None,
+    seeds: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="Train N policies, with seeds from --seed on, each in DIR/seed-SEED."),
+    ] = None,
+    ray: common.RayOption = None,
+    cpus: common.CpusOption = 1,
     start: Annotated[
         str | None,
         typer.Option(
@@ -98,6 +106,12 @@ def train(
     stopped. The policy knows a body by the names of its sensors and actuators only, so that it can
     be tried on bodies that were held out: see morphkit evaluate.
     """
+    arguments = {**locals(), "seeds": None, "ray": None}
+    if seeds is not None:
+        train_seeds(train, arguments, seeds, ray, cpus)
+        return
+    if ray is not None:
+        raise common.UsageError("--ray goes with --seeds.")
     robots, hold_out, validate, settings = robots or [], hold_out or [], validate or [], settings or []
     settings = [*settings, f"trainer.track={track}"] if track and not resume else settings
     if resume:
