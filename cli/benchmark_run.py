@@ -130,8 +130,8 @@ def _on_cluster(
 ) -> Iterator[Status]:
     """Run cells as tasks of a Ray cluster, whose nodes have other working directories."""
     from morphkit_rl.benchmark.distributed import Request, run_on_cluster
-    from morphkit_rl.cluster.connection import connected
-    from morphkit_rl.cluster.jobs import Resources
+    from morphkit_rl.training.cluster.connection import connected
+    from morphkit_rl.training.cluster.jobs import Resources
 
     file, options, storage, device = asked
     preset = options["preset"]

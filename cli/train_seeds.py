@@ -36,8 +36,8 @@ def train_seeds(train: Callable[..., None], given: Mapping[str, Any], seeds: int
             train(**order)
         return
 
-    from morphkit_rl.cluster.connection import connected
-    from morphkit_rl.cluster.jobs import Resources, run_jobs
+    from morphkit_rl.training.cluster.connection import connected
+    from morphkit_rl.training.cluster.jobs import Resources, run_jobs
 
     failed = False
     gpus = int((given["device"] or "cpu").startswith("cuda"))

@@ -17,9 +17,9 @@ from morphkit_rl.benchmark.cells import Cell, MatrixPlan
 from morphkit_rl.benchmark.definition import load_benchmark
 from morphkit_rl.benchmark.planning import plan_matrix
 from morphkit_rl.benchmark.runner import run_matrix
-from morphkit_rl.cluster.jobs import Resources, run_jobs
-from morphkit_rl.cluster.storage import Storage
 from morphkit_rl.runs.lock import hold
+from morphkit_rl.training.cluster.jobs import Resources, run_jobs
+from morphkit_rl.training.cluster.storage import Storage
 from morphkit_rl.training.progress import Progress
 
 LATEST = f"{cells.RUN}/checkpoints/latest"

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from morphkit.errors import ConfigError
-from morphkit_rl.cluster import connection
+from morphkit_rl.training.cluster import connection
 
 
 def test_ray_is_asked_for_where_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:

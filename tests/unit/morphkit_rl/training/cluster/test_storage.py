@@ -9,7 +9,7 @@ import fsspec
 import pytest
 
 from morphkit.errors import ConfigError, OutputError
-from morphkit_rl.cluster.storage import Storage
+from morphkit_rl.training.cluster.storage import Storage
 
 
 @pytest.fixture(params=["file", "memory"])
