@@ -7,11 +7,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from morphkit.description import Description, RobotInfo
 from morphkit.errors import ConfigError, DescriptionError, MorphkitError, UnknownNameError
 from morphkit.robot_toml import FILE_NAME, Recipe, RobotToml, read_robot_toml
 from morphkit.utils.suggest import did_you_mean, nearest
+
+if TYPE_CHECKING:
+    from morphkit.formats.document import Document
 
 MANIFEST = "manifest.json"
 _SUFFIXES = (".urdf", ".xml")
@@ -243,7 +247,15 @@ def _describe(path: Path, name: str, info: RobotInfo, root: str | None) -> Descr
         raise DescriptionError(f"{path}: is no regular file")
     document = Document(read_limited(path), file=str(path))
     names = _printable(name), _printable(path.name)
+    info = _started(info, path, document)
     return Description(*names, document.format, document.source, path.parent, info, root, document=document)
+
+
+def _started(info: RobotInfo, path: Path, document: Document) -> RobotInfo:
+    """`info` with the start pose that an SRDF next to a URDF says."""
+    from morphkit.formats.srdf import start_state
+
+    return replace(info, start=start_state(path, document, info.start)) if document.format == "urdf" else info
 
 
 def _expand(
@@ -257,8 +269,9 @@ def _expand(
     file = path.name.removesuffix(".xacro").removesuffix(".urdf") + ".urdf"
     document = Document(source, file=f"{path} (expanded)")
     name, file = _printable(Path(file).stem), _printable(file)
+    info = _started(RobotInfo(), path, document)
     return Description(
-        name, file, document.format, source, path.parent, root=root, packages=packages, document=document
+        name, file, document.format, source, path.parent, info, root=root, packages=packages, document=document
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from morphkit import robot_toml
 from morphkit.errors import DescriptionError
 from morphkit.formats.mjcf_schema import EXPANDERS
+from morphkit.formats.srdf import start_state
 from morphkit.validation import (
     mjcf_assets,
     mjcf_references,
@@ -76,7 +77,7 @@ def _check_urdf(doc: CheckedDocument, path: Path, *, deep: bool) -> None:
     urdf_repairs.check_repairs(doc)
     tree = urdf_tree.read_tree(doc)
     urdf_tree.check_references(doc, tree)
-    start = _start(path)
+    start = start_state(path, doc.document, _start(path))
     urdf_joints.check_joints(doc, tree, start)
     inertials, uses = urdf_links.check_links(doc, tree)
     answer = _probe_urdf(doc, path, [use.path for use in uses], start) if deep else Answer()
