@@ -21,9 +21,12 @@ EFFORT_DEFLECTION_M = 0.1
 """The same of a slide without limits; one with limits: a quarter of its travel."""
 FREE_FREQUENCY_HZ = 10.0
 """Natural frequency of a joint without an effort limit."""
+MOST_LOADS = 2.0
+"""Loads, see `Drive.load`, that an effort limit counts up to; some files give limits that no motor of that size has."""
 MOST_STEPS = 0.5
 """Natural frequency times time step, rad, that no servo goes beyond."""
 
+_GRAVITY = 9.81  # m/s^2
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 _LINEAR = int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)
 
@@ -45,6 +48,7 @@ class Drive:
         dof: The joint's degree of freedom.
         start: Where the joint starts, rad (m).
         effort: Largest torque, N*m (N), at the joint; inf without a limit.
+        load: Torque, N*m, of the robot's weight at its full extent, or its weight, N, for a slide.
         deflection: Distance from the target at which the whole effort is reached, rad (m); targets go as far.
         own: Gains of a servo that the file has there; None where it has a motor.
         unit: Unit of the joint's coordinate.
@@ -55,6 +59,7 @@ class Drive:
     dof: int
     start: float
     effort: float
+    load: float
     deflection: float
     own: Gains | None
     unit: str
@@ -83,7 +88,8 @@ def drive(
         stiffness = effort limit / 0.5 rad, without a limit inertia * (2 pi 10 Hz)^2,
         damping = 2 sqrt(stiffness * inertia),
 
-    where inertia is that of the joint space, armature included (diagonal of the mass matrix at the reference pose);
+    where inertia is that of the joint space, armature included (diagonal of the mass matrix at the reference pose); an
+    effort limit counts up to twice the torque of the robot's weight at its full extent (for a slide, twice its weight);
     stiffness stays below what turns by half a radian of its natural frequency within a time step.
 
     Args:
@@ -116,7 +122,7 @@ def drive(
 
 def drives(model: mujoco.MjModel, actuators: Sequence[Actuator], start: np.ndarray) -> list[Drive]:
     """The actuators that drive one hinge or slide by a force that is linear in control and joint; `start` is (nq,)."""
-    found = []
+    found, loads = [], _loads(model, start)
     for index, actuator in enumerate(actuators):
         plain = model.actuator_dyntype[index] == mujoco.mjtDyn.mjDYN_NONE
         plain &= model.actuator_gaintype[index] == mujoco.mjtGain.mjGAIN_FIXED
@@ -125,7 +131,8 @@ def drives(model: mujoco.MjModel, actuators: Sequence[Actuator], start: np.ndarr
         joint = int(model.actuator_trnid[index, 0])
         if plain and actuator.joint is not None and model.jnt_type[joint] in (_HINGE, _SLIDE):
             place = float(start[model.jnt_qposadr[joint]])
-            found.append(_drive(model, index, actuator.joint, joint, place))
+            load = loads[model.body_rootid[model.jnt_bodyid[joint]]]
+            found.append(_drive(model, index, actuator.joint, joint, place, load))
     return found
 
 
@@ -138,12 +145,27 @@ def chosen_gains(model: mujoco.MjModel, own: Drive, given: Mapping[str, Sequence
         return own.own
     inertia = max(float(model.dof_M0[own.dof]), 1e-9)
     frequency = 2 * math.pi * FREE_FREQUENCY_HZ
-    stiffness = own.effort / own.deflection if math.isfinite(own.effort) else inertia * frequency**2
+    effort = min(own.effort, MOST_LOADS * own.load)
+    stiffness = effort / own.deflection if math.isfinite(own.effort) else inertia * frequency**2
     stiffness = min(stiffness, inertia * (MOST_STEPS / model.opt.timestep) ** 2)
     return Gains(stiffness, 2 * math.sqrt(stiffness * inertia))
 
 
-def _drive(model: mujoco.MjModel, index: int, name: str, joint: int, start: float) -> Drive:
+def _loads(model: mujoco.MjModel, start: np.ndarray) -> dict[int, tuple[float, float]]:
+    """Of each robot, by its root: its weight, N, and the torque of that at its full extent, N*m, in a pose."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = start
+    mujoco.mj_kinematics(model, data)
+    loads = {}
+    for root in np.flatnonzero(model.body_parentid == 0)[1:]:
+        own = model.body_rootid[model.geom_bodyid] == root
+        away = np.linalg.norm(data.geom_xpos[own] - data.xpos[root], axis=1) + model.geom_rbound[own]
+        weight = _GRAVITY * float(model.body_subtreemass[root])
+        loads[int(root)] = weight, weight * float(away.max(initial=0.0))
+    return loads
+
+
+def _drive(model: mujoco.MjModel, index: int, name: str, joint: int, start: float, loads: tuple[float, float]) -> Drive:
     gear = float(model.actuator_gear[index, 0])
     gain, bias = float(model.actuator_gainprm[index, 0]), model.actuator_biasprm[index]
     servo = model.actuator_biastype[index] == mujoco.mjtBias.mjBIAS_AFFINE and bias[1] != 0
@@ -163,6 +185,7 @@ def _drive(model: mujoco.MjModel, index: int, name: str, joint: int, start: floa
         dof=int(model.jnt_dofadr[joint]),
         start=start,
         effort=min(limits),
+        load=loads[0] if slide else loads[1],
         deflection=float(travel) if slide else EFFORT_DEFLECTION_RAD,
         own=Gains(gain * gear**2, -float(bias[2]) * gear**2) if servo else None,
         unit="m" if slide else "rad",

@@ -63,6 +63,14 @@ def test_stiffness_without_an_effort_limit_follows_from_inertia() -> None:
     assert simulation.tokens.actuators[1].unit == "m"
 
 
+def test_an_effort_limit_counts_as_far_as_a_robot_of_that_weight_can_need() -> None:
+    weight, extent = 9.81 * (1000 * 4 / 3 * math.pi * 0.1**3 + 2e-6), 0.1
+    simulation = robot('<motor joint="j" ctrlrange="-1000 1000"/><motor joint="s" ctrlrange="-9000 9000"/>')
+    assert simulation.gains["j"].stiffness == pytest.approx(2 * weight * extent / 0.5, rel=1e-4)
+    assert simulation.gains["s"].stiffness == pytest.approx(2 * weight / 0.1, rel=1e-4)
+    assert simulation.model.actuator_forcerange[:, 1].tolist() == [1000, 9000]
+
+
 def test_gains_of_the_file_and_of_robot_toml_go_before_the_rule() -> None:
     servo = '<position joint="j" kp="30" kv="4" gear="2" forcerange="-5 5"/>'
     simulation = robot(servo)
