@@ -50,6 +50,7 @@ class Drive:
         effort: Largest torque, N*m (N), at the joint; inf without a limit.
         load: Torque, N*m, of the robot's weight at its full extent, or its weight, N, for a slide.
         deflection: Distance from the target at which the whole effort is reached, rad (m); targets go as far.
+        gear: Length of the actuator over the coordinate of the joint.
         own: Gains of a servo that the file has there; None where it has a motor.
         unit: Unit of the joint's coordinate.
     """
@@ -61,6 +62,7 @@ class Drive:
     effort: float
     load: float
     deflection: float
+    gear: float
     own: Gains | None
     unit: str
 
@@ -187,6 +189,7 @@ def _drive(model: mujoco.MjModel, index: int, name: str, joint: int, start: floa
         effort=min(limits),
         load=loads[0] if slide else loads[1],
         deflection=float(travel) if slide else EFFORT_DEFLECTION_RAD,
+        gear=gear,
         own=Gains(gain * gear**2, -float(bias[2]) * gear**2) if servo else None,
         unit="m" if slide else "rad",
     )

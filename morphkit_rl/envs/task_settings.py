@@ -188,7 +188,8 @@ class TaskFile:
     Attributes:
         control_period: Duration of a control step, s; as many simulator steps as come closest to it.
         episode_seconds: Duration after which an episode is truncated, s.
-        reach: Whether the tip has a target, drawn for each episode: where random joint angles would put it.
+        reach: Whether the tip has a target, drawn for each episode: where random joint angles, of those that motors can
+            bring it to, would put it.
         reach_seconds: Time after which the target is drawn anew, s; 0 for never within an episode.
         python: Files of Python code whose terms it uses, relative to its own folder.
         commands: Velocities that the robot is told.

@@ -7,7 +7,11 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from morphkit.simulation.actuation import drives
 from morphkit.simulation.build import Simulation
+
+_SHARE = 0.8
+"""Of the way that a servo goes."""
 
 
 class Tip(NamedTuple):
@@ -44,6 +48,9 @@ def find_tip(simulation: Simulation) -> Tip:
 class Targets:
     """Draws places that the tip can be at: where it is at random joint angles.
 
+    Angles are within the limits of the joints, and of those with servos within 80 % of the way that these go: gravity
+    keeps servos from where they are told to go.
+
     Args:
         simulation: The robot.
     """
@@ -61,6 +68,13 @@ class Targets:
         free = np.where(self._model.jnt_type[joints] == int(mujoco.mjtJoint.mjJNT_HINGE), np.pi, 0.0)
         self._low = np.where(limited, self._model.jnt_range[joints, 0], -free)
         self._high = np.where(limited, self._model.jnt_range[joints, 1], free)
+        for drive in drives(simulation.model, simulation.morphology.actuators, simulation.start):
+            place = np.flatnonzero(joints == simulation.model.dof_jntid[drive.dof])
+            if drive.own is not None and simulation.model.actuator_ctrllimited[drive.index]:
+                low, high = np.sort(simulation.model.actuator_ctrlrange[drive.index] / drive.gear)
+                spared = (1 - _SHARE) / 2 * (high - low)
+                self._low[place] = np.clip(low + spared, self._low[place], self._high[place])
+                self._high[place] = np.clip(high - spared, self._low[place], self._high[place])
 
     def draw(self, rng: np.random.Generator, start: np.ndarray) -> np.ndarray:
         """Places for the tip of a robot with coordinates `start`, (k, nq), all but its limbs' joints; (k, 3), m.

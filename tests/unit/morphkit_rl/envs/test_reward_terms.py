@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from morphkit.description import Actuation, Description
 from morphkit.errors import ConfigError, UnknownNameError
 from morphkit.registry import load
 from morphkit.simulation.build import build_simulation
@@ -18,6 +19,7 @@ from morphkit_rl.envs.batch_env import BatchEnv
 from morphkit_rl.envs.reward_terms import TERMS, read_term, reward_term
 from morphkit_rl.envs.robot_arrays import RobotArrays
 from morphkit_rl.envs.tasks import task_for
+from morphkit_rl.envs.tip import Targets
 
 SIMULATION = build_simulation(load("quadruped"))
 N = 3
@@ -192,6 +194,17 @@ def test_targets_are_within_reach_and_drawn_anew() -> None:
         env.step([np.zeros((N, len(simulation.tokens.actuators)))])
     assert [(a != b).any() for a, b in pairwise(seen)] == [False, False, False, False, True]
     assert (np.linalg.norm(np.concatenate(seen) - robot.root_position[0], axis=1) <= robot.tip.reach).all()
+
+
+@pytest.mark.parametrize(("actuation", "furthest"), [("position", 0.4), ("torque", 2.5)])
+def test_targets_are_where_motors_bring_the_tip(actuation: Actuation, furthest: float) -> None:
+    source = """<mujoco><worldbody><body name="base"><geom size=".05"/><body name="arm" pos="0 0 .5">
+      <joint name="j" axis="0 1 0" range="-143.24 143.24"/><geom type="capsule" fromto="0 0 0 .4 0 0" size=".02"/>
+      </body></body></worldbody><actuator><motor joint="j" ctrlrange="-9 9"/></actuator></mujoco>"""
+    simulation = build_simulation(Description("arm", "arm.xml", "mjcf", source.encode()), actuation=actuation)
+    drawn = Targets(simulation).draw(np.random.default_rng(0), np.tile(simulation.start, (300, 1)))
+    angles = np.arctan2(0.5 - drawn[:, 2], drawn[:, 0])
+    assert np.abs(angles).max() == pytest.approx(furthest, rel=0.05)
 
 
 def test_own_terms(monkeypatch: pytest.MonkeyPatch) -> None:
