@@ -87,6 +87,7 @@ def _check_urdf(doc: CheckedDocument, path: Path, *, deep: bool) -> None:
     if found.get("refused") and not doc.report.count("error"):
         doc.add("simulator-refuses", doc.root, f"'morphkit convert' refuses the robot: {found['refused']}")
     urdf_links.check_overlaps(doc, tree, found.get("touching", ()))
+    urdf_links.check_balance(doc, found.get("tips_at"))
     _check_death(doc, answer)
 
 

@@ -11,6 +11,9 @@ from morphkit.conversion.convert import convert
 from morphkit.conversion.write import write_conversion
 from morphkit.description import Description, RobotInfo
 from morphkit.errors import MorphkitError
+from morphkit.simulation.spec import compile_spec
+from morphkit.simulation.start_pose import start_pose
+from morphkit.validation.balance import tips_at
 from morphkit.validation.overlaps import link_overlaps
 
 
@@ -28,7 +31,7 @@ def examine(
 
     Returns:
         `refused`: why the conversion fails, empty where it does not; `touching`: pairs of links that would penetrate
-        each other at the start if links collided, with the depth, m.
+        each other at the start if links collided, with the depth, m; `tips_at`: see `balance.tips_at`.
     """
     named = {name: Path(path) for name, path in packages.items()}
     text, info = source.encode("latin-1"), RobotInfo(start=start)
@@ -38,6 +41,8 @@ def examine(
         with tempfile.TemporaryDirectory() as empty:
             conversion = convert(robot, thorough=False)
             write_conversion(conversion, Path(empty) / "robot.xml")
-        return {"refused": "", "touching": link_overlaps(conversion.spec, file)}
+        pose = start_pose(compile_spec(conversion.spec.copy(), file), start, file)
+        found = {"tips_at": tips_at(conversion.spec.copy(), pose, file)}
+        return found | {"refused": "", "touching": link_overlaps(conversion.spec, file)}
     except (MorphkitError, ValueError) as error:
         return {"refused": " ".join(str(error).split()), "touching": []}

@@ -12,6 +12,7 @@ import numpy as np
 from morphkit.formats.assets import reference_in_urdf
 from morphkit.formats.poses import Pose, identity, urdf_pose
 from morphkit.simulation.inertia import LEAST_MASS
+from morphkit.validation.balance import LEAST_RAD
 from morphkit.validation.common import read_numbers
 from morphkit.validation.document import CheckedDocument, elements
 from morphkit.validation.inertia import check_tensor, symmetric
@@ -78,6 +79,14 @@ def check_overlaps(doc: CheckedDocument, tree: UrdfTree, touching: Sequence[Mapp
         first, second = each["bodies"]
         what = f"links {first!r} and {second!r} overlap by {each['depth'] * 1000:.3g} mm"
         doc.add("links-overlap", tree.links.get(second, doc.root), what, name=second)
+
+
+def check_balance(doc: CheckedDocument, tips_at: float | None) -> None:
+    """Report a robot that barely stands where it starts; `tips_at` is what `balance` found, rad."""
+    if tips_at is None or tips_at >= LEAST_RAD:
+        return
+    what = f"when it has tilted by {tips_at:.2g} rad" if tips_at > 0 else "by itself"
+    doc.add("start-tips", doc.root, f"where it starts, the robot tips over {what}")
 
 
 def _check_inertial(doc: CheckedDocument, name: str, link: Any) -> Inertial | None:

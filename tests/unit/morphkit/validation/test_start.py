@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
@@ -47,6 +48,38 @@ def test_a_robot_toml_next_to_the_file_counts(tmp_path: Path) -> None:
     (tmp_path / "r.urdf").write_text(CHAIN)
     (tmp_path / "robot.toml").write_text('file = "r.urdf"\nstart = {one = 3.1, two = -3.1}\n')
     assert lines_of(check(tmp_path / "r.urdf"), "links-overlap") == [6]
+
+
+def bench(width: float, center: float, legs: int = 2) -> str:
+    """10 kg at 0.4 m above the floor, at `center` along x, on legs that are `width` wide and end at x = 0.4, -0.4."""
+    inertia = '<inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/>'
+    source = f"""<robot name="r">
+      <link name="a"><inertial><origin xyz="{center} 0 0"/><mass value="10"/>{inertia}</inertial></link>"""
+    for name, x in list(zip("bc", (0.3, -0.3), strict=True))[:legs]:
+        source += f"""<link name="{name}"><inertial><mass value="1e-5"/>{inertia.replace(".1", "1e-5")}</inertial>
+          <collision><origin xyz="0 0 -.2"/><geometry><box size=".2 {width} .4"/></geometry></collision></link>"""
+        source += JOINT.format(name, "a", name).replace("0 0 -.4", f"{x} 0 0")
+    return source + "</robot>"
+
+
+@pytest.mark.parametrize(
+    ("robot", "angle"),
+    [
+        (bench(0.2, 0.0), math.atan2(0.1, 0.4)),
+        (bench(0.2, 0.35), math.atan2(0.05, 0.4)),
+        (bench(0.2, 0.5), math.atan2(-0.1, 0.4)),
+        (bench(0.2, 0.0, legs=1), None),
+        (CHAIN, None),
+    ],
+)
+def test_a_robot_tips_over_where_its_feet_do_not_support_it(tmp_path: Path, robot: str, angle: float | None) -> None:
+    found = urdf_conversion.examine(robot, "r.urdf", str(tmp_path), {}, "")["tips_at"]
+    assert found == (None if angle is None else pytest.approx(angle, abs=2e-3))
+
+
+def test_check_reports_what_barely_stands(tmp_path: Path) -> None:
+    (tmp_path / "r.urdf").write_text(bench(0.1, 0.0))
+    assert lines_of(check(tmp_path / "r.urdf"), "start-tips") == [1]
 
 
 POST = '<body name="post" pos=".9 0 .3"><geom size=".1"/></body>'
