@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from morphkit.errors import MorphkitError
 from morphkit.utils import worker_pool
-from morphkit.utils.process_limits import Limits, is_want_of_memory
+from morphkit.utils.process_limits import Limits, is_bounded, is_want_of_memory
 
 _WALL_FACTOR, _WALL_S = 20.0, 60.0
 T = TypeVar("T")
@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 def in_worker() -> bool:
     """Whether this process is a worker of another, whose limits hold."""
-    return multiprocessing.current_process().daemon
+    return multiprocessing.current_process().daemon or is_bounded()
 
 
 def run_isolated(call: Callable[[], T], limits: Limits, *, problem: Callable[[str], MorphkitError]) -> T:

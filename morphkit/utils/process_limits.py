@@ -24,6 +24,7 @@ _WANT_OF_MEMORY = (
     *("could not allocate", "bad_alloc", "cannot allocate", "unable to allocate", "unknown exception"),
     "failed to map segment",
 )
+_bounded = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +55,8 @@ class Limits:
 
     def bound_memory(self) -> None:
         """Set the limit on the memory of this process, now and for good; its death leaves no core file."""
+        global _bounded
+        _bounded = True
         if os.name != "posix":
             return
         import resource
@@ -75,6 +78,11 @@ class Limits:
         soft = int(used.ru_utime + used.ru_stime + self.seconds) + 1
         if hard == resource.RLIM_INFINITY or soft < hard:
             resource.setrlimit(resource.RLIMIT_CPU, (soft, hard))
+
+
+def is_bounded() -> bool:
+    """Whether this process has its limits already, which those that it starts would inherit."""
+    return _bounded
 
 
 def is_want_of_memory(error: Exception) -> bool:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import multiprocessing
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -151,3 +153,14 @@ def test_workers_that_compile_variants_have_limits(monkeypatch: pytest.MonkeyPat
     field = '<hfield name="h" nrow="8000" ncol="8000" size="1 1 1 1"/>'
     assert "MORPHKIT_LIMITS" in compile_problem(robot(mjcf(field, 'type="hfield" hfield="h"')))
     assert not compile_problem(ablate(ROBOT, remove=["leg"]).description)
+
+
+def test_a_process_with_limits_starts_no_other() -> None:
+    """One that starts under the limits of another has no memory left to import anything."""
+    call = (
+        "import os; from morphkit.errors import DescriptionError; from morphkit.utils.isolation import run_isolated;"
+        "from morphkit.utils.process_limits import Limits; limits = Limits(9.0, 2**30); limits.bound_memory();"
+        "print(os.getpid() == run_isolated(os.getpid, limits, problem=DescriptionError))"
+    )
+    done = subprocess.run([sys.executable, "-c", call], capture_output=True, text=True, check=True)
+    assert done.stdout == "True\n"
