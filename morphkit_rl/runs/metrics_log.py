@@ -50,7 +50,7 @@ class MetricsLog:
         self._last = _moment(kept[-1]) if kept else None
         self.path = run / METRICS
         write_text(self.path, "".join(json.dumps(row) + "\n" for row in kept), durable=True)
-        with trackers.named_errors(run, service):
+        with self._named_errors():
             self.tracker = trackers.open_tracker(run, service, steps)
 
     def write(self, row: Mapping[str, Any]) -> None:

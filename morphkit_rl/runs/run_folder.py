@@ -27,7 +27,14 @@ ROBOT_NAME = re.compile(r"\d{3,6}(-[A-Za-z0-9_-]{1,48})?\.(urdf|xml)", re.ASCII)
 TRACKED_NAME = re.compile(r"[A-Za-z0-9-]{1,40}-[0-9a-f]{8}", re.ASCII)
 _STAGE_NAME = re.compile(rf"\.{CHECKPOINT_NAME.pattern}\.tmp", re.ASCII)
 _SEGMENT_TEMPORARY = re.compile(r"\.sweeps-\d{10,20}-\d{10,20}\.[0-9a-f]{8}\.safetensors", re.ASCII)
-_BEFORE_FILES = {CHECKPOINTS, REPLAY, ROBOTS}
+_IN_STAGE = r"\.start-[a-z0-9_]{8}\.morphkit/.+"
+_BEFORE_CONFIG = re.compile(
+    rf"\.lock|\.config\.[0-9a-f]{{8}}\.json|(start/)?robots/{ROBOT_NAME.pattern}|{_IN_STAGE}"
+    r"|robots/\.[A-Za-z0-9_-]{1,40}\.[0-9a-f]{8}\.(urdf|xml)"
+    r"|start/(config|policy|evaluation)\.json|start/policy\.safetensors|start/README\.md",
+    re.ASCII,
+)
+"""Files that are written before `config.json`, and that a process leaves which is killed in between."""
 
 
 def require_folder(run: Path) -> None:
@@ -53,22 +60,34 @@ def require_run(run: Path) -> None:
 
 
 def create_run(run: Path) -> None:
-    """Make the run folder, also where one was left before its first file.
+    """Make the run folder, also where one was left before its `config.json`.
 
     Raises:
         OutputError: It cannot be written, is a link, holds files already, or has a name that is no UTF-8 text.
     """
     require_text(run)
-    require_plain(run, OutputError)
-    if run.exists() and not _is_unused(run):
-        is_run = (run / CONFIG).is_file()
-        hint = "continue it with --resume, or choose another folder" if is_run else "choose another folder"
-        raise OutputError(f"{run}: exists and is not empty; {hint}")
+    _require_unused(run)
     try:
         for name in (CHECKPOINTS, REPLAY, ROBOTS):
             (run / name).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{run}: cannot make the run folder: {error.strerror}") from None
+
+
+def clear_unfinished(run: Path) -> None:
+    """Remove what a process left that was killed before `config.json`; the folder has to be locked.
+
+    Raises:
+        OutputError: Another process has made a run of it meanwhile.
+    """
+    _require_unused(run)
+    for path in run.rglob("*"):
+        place = path.relative_to(run).as_posix()
+        if path.is_file() and _BEFORE_CONFIG.fullmatch(place) and not re.match(rf"\.lock|{_IN_STAGE}", place):
+            path.unlink()
+    for folder in (run / START / ROBOTS, run / START):
+        if folder.is_dir():
+            folder.rmdir()
 
 
 def checkpoint_names(run: Path) -> list[str]:
@@ -103,9 +122,19 @@ def clear_temporaries(run: Path) -> None:
             old.unlink(missing_ok=True)
 
 
+def _require_unused(run: Path) -> None:
+    require_plain(run, OutputError)
+    if run.exists() and not _is_unused(run):
+        is_run = (run / CONFIG).is_file()
+        hint = "continue it with --resume, or choose another folder" if is_run else "choose another folder"
+        raise OutputError(f"{run}: exists and is not empty; {hint}")
+
+
 def _is_unused(run: Path) -> bool:
-    """Whether a folder is empty but for the folders that are made in it before any file."""
+    """Whether a folder holds nothing but what is made in it before `config.json`."""
     if not run.is_dir():
         return False
-    entries = list(run.iterdir())
-    return all(e.name in _BEFORE_FILES and e.is_dir() and not any(e.iterdir()) for e in entries)
+    files = [path.relative_to(run).as_posix() for path in run.rglob("*") if not path.is_dir()]
+    own = {CHECKPOINTS, REPLAY, ROBOTS, START}
+    folders = [path.name in own or path.name.startswith(f".{START}-") for path in run.iterdir() if path.is_dir()]
+    return all(folders) and all(map(_BEFORE_CONFIG.fullmatch, files))

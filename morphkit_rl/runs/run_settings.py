@@ -26,6 +26,7 @@ from morphkit_rl.envs.robot import Robot, prepare
 from morphkit_rl.envs.tasks import Task
 from morphkit_rl.runs import robot_entry, run_folder, saved_policy, saved_task, schema
 from morphkit_rl.runs.git_commit import git_commit
+from morphkit_rl.runs.lock import locked
 from morphkit_rl.runs.run_folder import CONFIG, ROBOTS, START
 from morphkit_rl.runs.saved_policy import SavedPolicy
 from morphkit_rl.text.encoder import TextEncoder
@@ -119,15 +120,17 @@ def create(run: Path, settings: RunSettings, mended: Mapping[str, Sequence[str]]
         OutputError: The folder cannot be written or holds files.
     """
     run_folder.create_run(run)
-    for number, robot in enumerate((*settings.robots, *settings.validation)):
-        write_atomically(run / ROBOTS / robot_entry.source_file(number, robot), _writer(robot.source))
-    if settings.config.text.naming == "canonical":
-        robots, validation = (tuple(map(_with_names, part)) for part in (settings.robots, settings.validation))
-        settings = replace(settings, robots=robots, validation=validation)
-    if settings.start is not None:
-        saved_policy.save(settings.start, run / START)
-    versions = {name: metadata.version(name) for name in PACKAGES}
-    _write(run, settings, {"versions": versions, "git_commit": git_commit(), "mended": dict(mended)})
+    with locked(run):  # against a second process that was started at the same time
+        run_folder.clear_unfinished(run)
+        for number, robot in enumerate((*settings.robots, *settings.validation)):
+            write_atomically(run / ROBOTS / robot_entry.source_file(number, robot), _writer(robot.source))
+        if settings.config.text.naming == "canonical":
+            robots, validation = (tuple(map(_with_names, part)) for part in (settings.robots, settings.validation))
+            settings = replace(settings, robots=robots, validation=validation)
+        if settings.start is not None:
+            saved_policy.save(settings.start, run / START)
+        versions = {name: metadata.version(name) for name in PACKAGES}
+        _write(run, settings, {"versions": versions, "git_commit": git_commit(), "mended": dict(mended)})
 
 
 def with_budget(run: Path, settings: RunSettings, minutes: float | None, steps: int | None) -> RunSettings:

@@ -15,6 +15,7 @@ from typing import Any, Literal, Protocol, get_args
 from morphkit.errors import DependencyError, OutputError
 from morphkit.utils.atomic_write import write_text
 from morphkit.utils.plain_files import read_plain
+from morphkit.utils.printable import markdown_table
 from morphkit_rl.runs.run_folder import CONFIG, TRACKED, TRACKED_NAME
 
 Service = Literal["tensorboard", "wandb", "trackio"]
@@ -109,8 +110,7 @@ class _TensorBoard:
         self._writer.flush()
 
     def table(self, name: str, columns: Sequence[str], rows: Sequence[Sequence[Any]], steps: int) -> None:
-        lines = [columns, ["---"] * len(columns), *rows]
-        self._writer.add_text(name, "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines), steps)
+        self._writer.add_text(name, markdown_table(columns, [[str(cell) for cell in row] for row in rows]), steps)
 
     def film(self, name: str, path: Path, steps: int) -> None:
         from tensorboard.compat.proto.summary_pb2 import Summary

@@ -228,3 +228,36 @@ def test_a_lock_that_is_no_file_is_refused(tmp_path: Path, make: Callable[[Path]
         hold(tmp_path),
     ):
         pass
+
+
+BEFORE_CONFIG = ("robots/000-hopper.xml", "robots/.001-a.0123abcd.xml", ".config.0123abcd.json", ".lock",
+                 "start/policy.json", "start/robots/000-a.xml")  # fmt: skip
+
+
+@pytest.mark.parametrize("left", BEFORE_CONFIG)
+def test_a_run_killed_before_its_settings_begins_anew(left: str, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    (run / left).parent.mkdir(parents=True)
+    (run / left).write_text("left")
+    train([load("hopper_3")], run, small_config(), steps=8)
+    assert not (run / left).exists() or left == ".lock"
+    assert checkpoint.load_state(run)[1]["steps"] >= 8
+
+
+@pytest.mark.parametrize("name", ["robots/thesis.txt", "start/thesis.txt", "thesis", "checkpoints/latest", "a/b"])
+def test_a_folder_with_other_files_is_no_run_that_was_killed(name: str, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    for each in (name, "robots/000-hopper.xml"):
+        (run / each).parent.mkdir(parents=True, exist_ok=True)
+        (run / each).write_text("mine")
+    before = content(run)
+    with pytest.raises(OutputError, match="not empty"):
+        train([load("hopper_3")], run, small_config(), steps=8)
+    assert content(run) == before
+
+
+def test_a_tracker_that_cannot_write_is_an_error_of_one_line(run: Path) -> None:
+    shutil.rmtree(run / "tensorboard")
+    (run / "tensorboard").write_text("")
+    with pytest.raises(OutputError, match="cannot write metrics"):
+        resume(run, steps=40)
