@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from morphkit.utils.printable import one_line
+
 from . import ablate_report as report
 from . import common
-from .terminal import note, one_line, write
+from .terminal import note, write
 
 if TYPE_CHECKING:
     from morphkit.ablation.ablate import Cutter, Variant

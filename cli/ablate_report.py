@@ -8,10 +8,10 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from morphkit.errors import MorphkitError
+from morphkit.utils.printable import one_line
 
 from . import common
 from .table import table, terminal_width
-from .terminal import one_line
 
 if TYPE_CHECKING:
     from morphkit.ablation.ablate import Cutter, Variant

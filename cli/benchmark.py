@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from morphkit.utils.printable import one_line
+
 from . import common
 from .table import table, terminal_width
-from .terminal import note, one_line, write
+from .terminal import note, write, write_json
 
 if TYPE_CHECKING:
     from morphkit_rl.benchmark.cells import Status
@@ -148,7 +150,7 @@ def report(
     folder = out or matrix / "report"
     written = write_report(matrix, folder)
     if as_json:
-        write((folder / MARKER).read_text("utf-8"))
+        write_json((folder / MARKER).read_text("utf-8"))
         return
     for path in written:
         write(f"{one_line(str(path))}\n")

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from morphkit.utils.printable import markdown_table
+
 from . import common
 from .benchmark import FILE_HELP
 from .table import table, terminal_width
-from .terminal import note, one_line, write
+from .terminal import note, write
 
 if TYPE_CHECKING:
     from morphkit_rl.evaluation.episodes import RobotReturns
@@ -58,8 +60,7 @@ def random(
     if printed == "json":
         common.print_json([_record(result) for result in results])
     elif printed == "markdown":
-        rows = [COLUMNS, ("---", *["---:"] * (len(COLUMNS) - 1)), *map(_cells, results)]
-        write("".join(one_line(f"| {' | '.join(row)} |") + "\n" for row in rows))
+        write(markdown_table(COLUMNS, list(map(_cells, results)), right=COLUMNS[1:]))
     else:
         write(table(COLUMNS, list(map(_cells, results)), right=COLUMNS[1:], width=terminal_width()))
 

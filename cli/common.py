@@ -11,7 +11,7 @@ import typer
 
 from morphkit.errors import OutputError
 
-from .terminal import label, note, write
+from .terminal import label, note, write_json
 
 if TYPE_CHECKING:
     from morphkit.description import Description
@@ -146,7 +146,7 @@ def output_format(asked: str | None, default: str, *, as_json: bool) -> str:
 
 def print_json(value: Any) -> None:
     """Print `value` on stdout as JSON, with two spaces of indentation; infinite and undefined numbers become null."""
-    write(json.dumps(_finite(value), indent=2, allow_nan=False) + "\n")
+    write_json(json.dumps(_finite(value), indent=2, allow_nan=False) + "\n")
 
 
 def _finite(value: Any) -> Any:

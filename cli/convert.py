@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from morphkit.utils.printable import one_line
+
 from . import common
 from .table import table, terminal_width
-from .terminal import one_line, write
+from .terminal import write
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

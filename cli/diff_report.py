@@ -14,8 +14,9 @@ from rich.tree import Tree
 from morphkit.comparison.compare import Change, Comparison, counts
 from morphkit.comparison.properties import Value
 from morphkit.morphology import Morphology
+from morphkit.utils.printable import one_line
 
-from .terminal import assembled, line, one_line
+from .terminal import assembled, line
 
 _GONE, _NEW, _CHANGED, _QUIET, _BOLD = "red", "green", "yellow", "dim", "bold"
 _SIGNS = {"removed": ("-", _GONE), "added": ("+", _NEW)}

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Sequence
 from shutil import get_terminal_size
 
-from .terminal import one_line
+from morphkit.utils.printable import one_line
 
 GAP = "  "
 FOLD_WIDTH = 24

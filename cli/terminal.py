@@ -6,30 +6,18 @@ import json
 import re
 import sys
 import warnings
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
+
+from morphkit.utils.printable import UNSAFE, one_line, printable
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
     from rich.text import Text
 
 _UNBROKEN = 10_000
-# Control characters but the newline, soft hyphen, and what hides text or changes its direction; halves of surrogates.
-_UNSAFE = re.compile(
-    "[\x00-\x09\x0b-\x1f\x7f-\x9f\xad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb"
-    "\ud800-\udfff\U000e0000-\U000e007f]"
-)
-
-
-def printable(text: str) -> str:
-    """Text with control characters, hidden ones and such that change its direction written as `\\x1b` or `\\u202e`."""
-    return _UNSAFE.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
-
-
-def one_line(text: str) -> str:
-    """What `printable` gives, with newlines written as `\\n`: for names, which are not to begin a line."""
-    return printable(text).replace("\n", "\\n")
+_format_warning = warnings.formatwarning
 
 
 def line(text: str, style: str = "") -> Text:
@@ -53,7 +41,7 @@ def write(text: str) -> None:
 
 def write_json(text: str) -> None:
     """Write JSON to stdout, with JSON's own escapes for what is not printable."""
-    sys.stdout.write(_UNSAFE.sub(lambda found: json.dumps(found[0])[1:-1], text))
+    sys.stdout.write(UNSAFE.sub(lambda found: json.dumps(found[0])[1:-1], text))
 
 
 def note(text: str) -> None:
@@ -88,5 +76,8 @@ def show_on(console: Console, what: RenderableType) -> None:
 
 def guard_warnings() -> None:
     """Let Python's warnings, which repeat what MuJoCo says of names, be printable too."""
-    plain = warnings.formatwarning
-    warnings.formatwarning = lambda *arguments, **options: printable(plain(*arguments, **options))
+    warnings.formatwarning = _printable_warning
+
+
+def _printable_warning(*arguments: Any, **options: Any) -> str:
+    return printable(_format_warning(*arguments, **options))

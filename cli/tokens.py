@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from morphkit.utils.printable import one_line
+
 from . import common
 from .table import table, terminal_width
-from .terminal import note, one_line, write, write_json
+from .terminal import note, write, write_json
 
 if TYPE_CHECKING:
     from morphkit.tokens.spec import TokenSpec

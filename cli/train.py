@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from morphkit.utils.printable import one_line
+
 from . import common
 from .table import table
-from .terminal import note, one_line, write
+from .terminal import note, write
 from .train_seeds import train_seeds
 
 if TYPE_CHECKING:

@@ -127,7 +127,8 @@ def family_sheet(
         axis.set_axis_off()
         if simulation is not None:
             axis.imshow(next(iter(render_frames(simulation, width=2 * width, height=2 * height, reach=reach))))
-            axis.set_title(textwrap.fill(simulation.description.name, max(10, width // 8)), fontsize=10)
+            name = textwrap.fill(simulation.description.name, max(10, width // 8))
+            axis.set_title(name, fontsize=10, parse_math=False)
     return write_output(path, lambda target: figure.savefig(target, format="png"))
 
 

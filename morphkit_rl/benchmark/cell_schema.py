@@ -8,13 +8,16 @@ from pydantic import Field
 
 from morphkit_rl.runs.schema import Count, Part
 
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,199}\z")]
+"""Of a task, a split or a method, which is the name of a folder too."""
+
 
 class CellPlan(Part):
     """`cell.json` of a matrix."""
 
-    split: str
-    task: str
-    method: str
+    split: Name
+    task: Name
+    method: Name
     seed: Count
     format_version: Literal[1]
     steps: Count | None

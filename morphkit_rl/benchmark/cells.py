@@ -176,6 +176,8 @@ def read_cell(folder: Path) -> Status:
     """
     plan = read_plan(folder / CELL)
     cell = Cell(plan["split"], plan["task"], plan["method"], plan["seed"])
+    if cell.folder(folder.parents[3]) != folder:
+        raise CheckpointError(f"{folder / CELL}: damaged: it is of {cell}, which lies elsewhere")
     held_by, alive = owner(folder)
     result = schema.read(folder / RESULT, cell_schema.CellResult) if (folder / RESULT).is_file() else None
     state: State

@@ -81,7 +81,7 @@ def results_figure(metrics: Sequence[Mapping[str, Any]], results: Sequence[Resul
     style = {
         "font.size": 10, "axes.edgecolor": _INK, "axes.labelcolor": _INK, "text.color": _INK, "xtick.color": _INK,
         "ytick.color": _INK, "axes.titlesize": 12, "axes.titleweight": "bold", "axes.titlelocation": "left",
-        "axes.spines.top": False, "axes.spines.right": False, "svg.hashsalt": "morphkit",
+        "axes.spines.top": False, "axes.spines.right": False, "svg.hashsalt": "morphkit", "text.parse_math": False,
     }  # fmt: skip
     with mpl.rc_context(style):
         figure = Figure(figsize=(12, max(4.6, 1.6 + 0.52 * len(results))), layout="constrained", facecolor="white")

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from morphkit.utils.printable import markdown_table, one_line
 from morphkit_rl.envs.robot import Robot
 from morphkit_rl.evaluation.episodes import mean_interval, normalized
 from morphkit_rl.evaluation.evaluate import RobotResult
@@ -67,8 +68,8 @@ def model_card(
         ("versions", ", ".join(f"{key} {value}" for key, value in (settings.get("versions") or {}).items())),
         ("license", "MIT"),
     ]
-    parts = [HEADER, f"# {name}\n", *([f"{summary}\n"] if summary else [])]
-    parts.append("\n".join(["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in rows)]) + "\n")
+    parts = [HEADER, f"# {one_line(name)}\n", *([f"{summary}\n"] if summary else [])]
+    parts.append(markdown_table(("", ""), [(key, str(value)) for key, value in rows]))
     if command:
         parts.append(f"Made by\n\n```console\n$ {command}\n```\n")
     parts.append(_returns(evaluation) if evaluation else "Its returns were not measured.\n")
@@ -101,19 +102,17 @@ def mean_normalized(rows: Sequence[Mapping[str, Any]]) -> float | None:
 
 
 def _returns(evaluation: Mapping[str, Any]) -> str:
-    head = ["body", "trained on", "return", "95 % interval", "random", "normalized"]
-    lines = [f"| {' | '.join(head)} |", "|---|---|---:|---:|---:|---:|"]
+    numeric = ("return", "95 % interval", "random", "normalized")
+    rows = []
     for row in sorted(evaluation["robots"], key=lambda row: (row["trained_on"], row["robot"])):
         mean, (low, high) = float(np.mean(row["returns"])), mean_interval(row["returns"])
         score = normalized(mean, row["random_mean"], row["expert_return"])
         numbers = (f"{mean:.0f}", f"{low:.0f} to {high:.0f}", f"{row['random_mean']:.0f}")
         shown = "-" if score is None else f"{score:.2f}"
-        lines.append(
-            f"| {row['robot']} | {'yes' if row['trained_on'] else 'never'} | {' | '.join(numbers)} | {shown} |"
-        )
+        rows.append((row["robot"], "yes" if row["trained_on"] else "never", *numbers, shown))
     what = (
         f"Mean return over {evaluation['episodes']} noise-free episodes (seed {evaluation['seed']}), its bootstrap "
         "interval over episodes, and (return - random) / (expert - random) where an expert's return is known. One "
         "training run: the intervals say nothing of other seeds."
     )
-    return f"## Returns\n\n{what}\n\n" + "\n".join(lines) + "\n"
+    return f"## Returns\n\n{what}\n\n" + markdown_table(("body", "trained on", *numeric), rows, right=numeric)

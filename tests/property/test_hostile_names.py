@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import unicodedata
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -13,12 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.text import Text
 
+from morphkit.utils.printable import one_line, printable
 from morphkit_cli import terminal
 from morphkit_cli.main import run
 from morphkit_cli.progress import ProgressDisplay
 from morphkit_cli.table import table
 from morphkit_cli.train import _report
 from morphkit_rl.training.progress import Progress, TrainSummary
+from tests.support.command_output import refuse_raw
 
 TRICKS = ("\x9b31m", "\u202e", "\u2066", "\u200b", "\n\nerror: forged", "\u2028", "\r", "\t", "\x85", "\x7f")
 """Those that XML can hold; ESC it cannot."""
@@ -110,19 +111,13 @@ def test_no_command_prints_them_raw(kind: str, tmp_path: Path, capsys: pytest.Ca
         refuse_raw(captured.out + captured.err, command)
 
 
-def refuse_raw(printed: str, command: object = "") -> None:
-    raw = {each for each in printed if each != "\n" and unicodedata.category(each) in ("Cc", "Cf", "Cs", "Zl", "Zp")}
-    assert not raw, (command, raw)
-    assert not [line for line in printed.splitlines() if line.startswith("error: forged")], command
-
-
 @given(st.text(), st.text())
 def test_what_is_printed(one: str, other: str) -> None:
-    refuse_raw(terminal.printable(one))
-    assert "\n" not in terminal.one_line(one)
+    refuse_raw(printable(one))
+    assert "\n" not in one_line(one)
     refuse_raw(table(("a", "b"), [(one, other)], fold=True, width=40))
     if one.isprintable():
-        assert terminal.printable(one) == terminal.one_line(one) == one
+        assert printable(one) == one_line(one) == one
 
 
 def test_progress_and_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -28,7 +28,7 @@ _STYLE = {
     "font.size": 9, "axes.edgecolor": INK, "axes.labelcolor": INK, "text.color": INK, "xtick.color": INK,
     "ytick.color": INK, "axes.titlesize": 10, "axes.titleweight": "bold", "axes.titlelocation": "left",
     "axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False,
-    "hatch.linewidth": 1.4,
+    "hatch.linewidth": 1.4, "text.parse_math": False,
 }  # fmt: skip
 
 

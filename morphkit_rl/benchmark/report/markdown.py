@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 
+from morphkit.utils.printable import markdown_table, one_line
 from morphkit_rl.benchmark.cells import Status
 from morphkit_rl.benchmark.published import OVERALL, Kind, published_returns, published_steps
 from morphkit_rl.benchmark.report import figure_style as style
-from morphkit_rl.benchmark.report.tables import MISSING, markdown, show, show_estimate
+from morphkit_rl.benchmark.report.tables import MISSING, show, show_estimate
 from morphkit_rl.benchmark.summary import Entry, Improvement, Overall
 
 _HOW_TO_READ = f"""## How to read the numbers
@@ -62,7 +63,7 @@ def _standing(matrix: Path, cells: Sequence[Status]) -> str:
     states = [each.state for each in cells]
     counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(sorted(states)))
     number = f"{len(cells)} cell{'s' * (len(cells) != 1)}"
-    text = f"{number} in `{matrix.name}`: {counts}. Written by morphkit {metadata.version('morphkit')}.\n"
+    text = f"{number} in `{one_line(matrix.name)}`: {counts}. Written by morphkit {metadata.version('morphkit')}.\n"
     if states.count("done") < len(states):
         text += "\n**This matrix is not whole.** The numbers are those of the cells that are done.\n"
     if any(each.plan["validate"] for each in cells):
@@ -107,7 +108,7 @@ def _tasks(entries: Sequence[Entry]) -> str:
         )
         for each in entries
     ]
-    return markdown(("task", "method", "seeds", *numbers), rows, right=numbers)
+    return markdown_table(("task", "method", "seeds", *numbers), rows, right=numbers)
 
 
 def _published(own: float | None, kind: Kind, split: str, task: str, incomparable: bool) -> str:
@@ -139,7 +140,9 @@ def _overall(totals: Sequence[Overall], entries: Sequence[Entry]) -> str:
                 show_estimate(each.training_score, 3),
             )
         )
-    return "Over the tasks that hold robots out:\n\n" + markdown(("method", "tasks", *numbers), rows, right=numbers)
+    return "Over the tasks that hold robots out:\n\n" + markdown_table(
+        ("method", "tasks", *numbers), rows, right=numbers
+    )
 
 
 def _improvements(pairs: Sequence[Improvement]) -> str:
@@ -153,7 +156,7 @@ def _improvements(pairs: Sequence[Improvement]) -> str:
         )
         for each in pairs
     ]
-    table = markdown(("split", "robots", "probability that a seed scores higher", "value", "tasks"), rows)
+    table = markdown_table(("split", "robots", "probability that a seed scores higher", "value", "tasks"), rows)
     return f"## Probability of improvement\n\n{table}"
 
 
@@ -165,4 +168,4 @@ def _not_done(cells: Sequence[Status]) -> str:
     ]
     if not rows:
         return ""
-    return "## Cells that are not done\n\n" + markdown(("split", "task", "method", "seed", "state", "why"), rows)
+    return "## Cells that are not done\n\n" + markdown_table(("split", "task", "method", "seed", "state", "why"), rows)

@@ -1,4 +1,4 @@
-"""Tables of a report, as Markdown and as CSV."""
+"""Rows of a report as CSV, and numbers for people."""
 
 from __future__ import annotations
 
@@ -7,16 +7,10 @@ import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from morphkit.utils.printable import one_line
 from morphkit_rl.benchmark.statistics import Estimate
 
 MISSING = "–"
-
-
-def markdown(columns: Sequence[str], rows: Sequence[Sequence[str]], *, right: Sequence[str] = ()) -> str:
-    """A Markdown table; the columns in `right` are aligned right."""
-    rules = ["--:" if column in right else "---" for column in columns]
-    lines = [[cell.replace("|", "\\|").replace("\n", " ") for cell in row] for row in (columns, rules, *rows)]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
 
 def comma_separated(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -26,7 +20,9 @@ def comma_separated(rows: Sequence[Mapping[str, Any]]) -> str:
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)
+    writer.writerows(
+        {key: one_line(value) if isinstance(value, str) else value for key, value in row.items()} for row in rows
+    )
     return text.getvalue()
 
 

@@ -55,7 +55,7 @@ def test_tensorboard_has_settings_curves_table_and_film(run: Path, film: Path) -
     assert json.loads((run / "config.json").read_text())["seed"] == 0
     assert '"seed": 0' in text["config/text_summary"][0]
     assert len(text["training returns/text_summary"]) == 2
-    assert text["evaluation/text_summary"] == ["| body | return |\n| --- | --- |\n| hopper_3 | 5.0 |"]
+    assert text["evaluation/text_summary"] == ["| body | return |\n| --- | --- |\n| hopper_3 | 5.0 |\n"]
     (image,) = events.Images("film/hopper_3")
     assert image.encoded_image_string == film.read_bytes()
 
