@@ -3,9 +3,9 @@
     python tools/kill_survival.py --kills 200 --seed 0
 
 Each round starts a program, sends SIGKILL to its process group after a random time, starts the same command once more,
-now to its end, and compares what it wrote with that of a run that nobody disturbed. `train` is killed, resumed and
-killed again until it ends; its weights have to be the same bit by bit. A round counts as lost where the end differs,
-as half-written where temporary files are left.
+now to its end, and compares what it wrote with that of a run that nobody disturbed. `train` and `benchmark run` are
+killed, resumed and killed again until they end; their weights have to be the same bit by bit. A round counts as lost
+where the end differs, as half-written where temporary files are left.
 """
 
 from __future__ import annotations
@@ -25,11 +25,17 @@ from pathlib import Path
 
 PROGRAM = (sys.executable, "-m", "morphkit_cli.main")
 SMALL_RUN = (
-    *("--preset", "amorpheus-quick", "--steps", "600", "--seed", "3", "--quiet"),
-    *("--set", "trainer.checkpoint_seconds=0.2"),
+    *("--steps", "600", "--quiet", "--set", "trainer.checkpoint_seconds=0.2"),
+    *("--set", "trainer.start_steps=200", "--set", "td3.batch_size=32"),
 )
+SMALL_BENCHMARK = """
+tasks.few = ["few"]
+splits.few.few = {train = ["hopper_3"], test = ["hopper_4"]}
+"""
 MOST_KILLS = 4
-"""Of one training run."""
+"""Of one training run, or one matrix."""
+CLOCK = ("evaluated", "elapsed_s")
+"""Keys of a result that say when it was made and how long that took."""
 
 
 class Subject:
@@ -40,12 +46,13 @@ class Subject:
         arguments: Its words; `{}` stands for where it writes.
         again: The words after a kill.
         compared: Patterns of the files that have to be the same.
+        kills: How often it is killed at most before it may end.
     """
 
     def __init__(
-        self, name: str, arguments: tuple[str, ...], again: tuple[str, ...], compared: tuple[str, ...]
+        self, name: str, arguments: tuple[str, ...], again: tuple[str, ...], compared: tuple[str, ...], kills: int = 1
     ) -> None:
-        self.name, self.arguments, self.again, self.compared = name, arguments, again, compared
+        self.name, self.arguments, self.again, self.compared, self.kills = name, arguments, again, compared, kills
 
     def command(self, folder: Path, *, again: bool = False) -> list[str]:
         """The words of a process that writes into `folder`."""
@@ -56,22 +63,37 @@ class Subject:
         return (folder / "run" / "config.json").is_file() if self.name == "train" else any(folder.iterdir())
 
     def digest(self, folder: Path) -> dict[str, str]:
-        """SHA-256 of what is compared, by path."""
+        """SHA-256 of what is compared, by path; that a checkpoint was written again makes no difference."""
         files = sorted(path for pattern in self.compared for path in folder.glob(pattern) if path.is_file())
-        return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+        names = [str(path.relative_to(folder)).replace("-again", "") for path in files]
+        return {name: hashlib.sha256(content(path)).hexdigest() for name, path in zip(names, files, strict=True)}
 
 
-def subjects() -> list[Subject]:
-    """What is killed."""
-    train = ("train", "hopper_3", "--run", "{}/run", *SMALL_RUN)
+def content(path: Path) -> bytes:
+    """The bytes of a file; of a cell's result without what the clock said."""
+    if path.name != "result.json":
+        return path.read_bytes()
+    return json.dumps({key: value for key, value in json.loads(path.read_bytes()).items() if key not in CLOCK}).encode()
+
+
+def subjects(definition: Path) -> list[Subject]:
+    """What is killed; `definition` is the file of a small benchmark."""
+    definition.write_text(SMALL_BENCHMARK)
+    train = ("train", "hopper_3", "--run", "{}/run", "--preset", "amorpheus-quick", "--seed", "3", *SMALL_RUN)
+    cells = ("--file", str(definition), "--task", "few", "--split", "few", "--method", "amorpheus-quick")
+    matrix = ("benchmark", "run", *cells, "--seeds", "2", "--episodes", "1", "--out", "{}/matrix", *SMALL_RUN)
+    export = ("export", "zoo:hoppers", "hopper_3", "--torchscript", "{}/policy.pt")
     ablate = ("ablate", "hopper", "--all", "--output", "{}/family", "--quiet")
     convert = ("convert", "quadruped", "{}/robot.xml", "--json")
+    resume = ("train", "--run", "{}/run", "--resume", "--quiet")
     return [
         Subject("ablate", ablate, (*ablate, "--force"), ("family/**/*",)),
         Subject("convert", convert, (*convert, "--force"), ("robot*", "robot_assets/**/*")),
+        Subject("export", export, export, ("policy.pt",)),
         Subject(
-            "train", train, ("train", "--run", "{}/run", "--resume", "--quiet"), ("run/checkpoints/*/*.safetensors",)
+            "benchmark", matrix, matrix, ("matrix/**/checkpoints/*/*.safetensors", "matrix/**/result.json"), MOST_KILLS
         ),
+        Subject("train", train, resume, ("run/checkpoints/*/*.safetensors",), MOST_KILLS),
     ]
 
 
@@ -104,21 +126,20 @@ def attack(subject: Subject, whole: dict[str, str], duration_s: float, chance: r
     with tempfile.TemporaryDirectory() as top:
         folder = Path(top) / "out"
         folder.mkdir()
-        for number in range(MOST_KILLS):
+        for number in range(subject.kills):
             again = number > 0 and subject.begun(folder)
             process = start(subject.command(folder, again=again), folder)
             if not killed(process, chance.uniform(0.05, 1.0) * duration_s):
                 break
             kills += 1
-            if subject.name != "train":
-                break
         last = start(subject.command(folder, again=subject.begun(folder)), folder)
         code = last.wait()
         said = (Path(top) / "output.txt").read_text(errors="replace").strip().splitlines()
         if code:
             return kills, f"lost: exit code {code}: {said[-1] if said else ''}"
-        if subject.digest(folder) != whole:
-            return kills, "lost: other content"
+        found = subject.digest(folder)
+        if others := sorted(name for name in {**whole, **found} if whole.get(name) != found.get(name)):
+            return kills, f"lost: other content: {others[0]} and {len(others) - 1} others"
         if left := leftovers(folder):
             return kills, f"half-written: {left[0]}"
     return kills, "same"
@@ -144,8 +165,14 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=60.0, help="stop after this time, whatever was reached")
     parser.add_argument("--only", action="append", help="name of a program; default: all in turn")
     arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as top:
+        return fight(arguments, subjects(Path(top) / "benchmark.toml"))
+
+
+def fight(arguments: argparse.Namespace, every: list[Subject]) -> int:
+    """Kill, and print what became of it."""
     chance, end = random.Random(arguments.seed), time.monotonic() + 60 * arguments.minutes
-    chosen = [subject for subject in subjects() if not arguments.only or subject.name in arguments.only]
+    chosen = [subject for subject in every if not arguments.only or subject.name in arguments.only]
     wholes = {subject.name: undisturbed(subject) for subject in chosen}
     kills: Counter[str] = Counter()
     ends: Counter[str] = Counter()

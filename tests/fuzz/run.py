@@ -22,13 +22,13 @@ import traceback
 from collections import Counter
 from pathlib import Path
 
-PARTS = ("robots", "budgets", "shapes", "run_folders", "xacro")
+PARTS = ("robots", "budgets", "shapes", "run_folders", "folders", "names", "xacro")
 """Modules of this package with `examples()`, a strategy of files by name, and `attempt(files, folder)`."""
 SECONDS_AN_EXAMPLE = 20
 """Processor time, that of processes which an example starts included."""
 MOST_SECONDS = 120
 """Time until an example counts as hanging; others may want the same cores."""
-SECONDS_A_WORKER = 30
+SECONDS_A_WORKER = 150
 MOST_MEMORY = 2 * 1024**3
 
 
@@ -38,6 +38,7 @@ def work(part: str, seed: int, folder: Path, seconds: float) -> int:
     from hypothesis import seed as seeded
 
     attack = importlib.import_module(f"tests.fuzz.{part}")
+    made = attack.examples()
     end = time.monotonic() + seconds
     ends: Counter[str] = Counter()
 
@@ -50,7 +51,7 @@ def work(part: str, seed: int, folder: Path, seconds: float) -> int:
         phases=(Phase.generate, Phase.shrink),
         suppress_health_check=list(HealthCheck),
     )
-    @given(files=attack.examples())
+    @given(files=made)
     def fuzz(files: dict[str, bytes]) -> None:
         if time.monotonic() > end:
             raise KeyboardInterrupt  # which hypothesis takes for no bug of the file
@@ -121,9 +122,9 @@ def main() -> int:
     end = time.monotonic() + 60 * arguments.minutes
     longest = min(SECONDS_A_WORKER, 60 * arguments.minutes / len(parts))
     seed, found, ends = arguments.seed, 0, Counter[str]()
-    while time.monotonic() < end:
+    while time.monotonic() < end or seed - arguments.seed < len(parts):  # each part at least once
         part = parts[(seed - arguments.seed) % len(parts)]
-        done = _start(part, seed, folder, min(longest, end - time.monotonic()))
+        done = _start(part, seed, folder, longest)
         if done.stdout.startswith("{"):
             ends.update(json.loads(done.stdout))
         if done.returncode:

@@ -30,13 +30,15 @@ def make_matrix(
     validate: bool = False,
     states: Mapping[tuple[str, str, int], str] | None = None,
     level: Level | None = None,
+    file: Path | None = None,
 ) -> list[MatrixPlan]:
     """Write a matrix whose cells are done, but for those in `states` (task, method, seed).
 
-    Curves rise to `level` (3000 by default), noisily; held-out robots get a third of it.
+    Curves rise to `level` (3000 by default), noisily; held-out robots get a third of it. `file` defines tasks and
+    splits besides the published ones.
     """
     plans = plan_matrix(
-        load_benchmark(),
+        load_benchmark(file),
         tasks=tasks,
         splits=splits,
         methods=["limb-former"],
