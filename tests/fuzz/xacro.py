@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from morphkit.errors import MorphkitError
 from morphkit.registry import load
+from tests.support.forked_xacro import forked
 
 SECRET = "hush-7f31c0"
 _ROBOT = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{}<link name="base"/></robot>'
@@ -94,7 +95,7 @@ def attempt(files: dict[str, bytes], folder: Path) -> str:
         if not link.is_symlink():
             link.symlink_to(f"../secret.{suffix}")
     before = sorted(folder.rglob("*"))
-    with mock.patch.dict(os.environ, MORPHKIT_SECRET=SECRET):
+    with mock.patch.dict(os.environ, MORPHKIT_SECRET=SECRET), forked():
         try:
             made, end = load(robot / "r.xacro").source.decode(), "expanded"
         except MorphkitError as error:
