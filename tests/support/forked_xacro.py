@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 from unittest import mock
@@ -64,7 +64,7 @@ def _serve(read: int, write: int, others: Sequence[int], env: Mapping[str, str] 
         os.dup2(read, 0)
         os.dup2(write, 1)
         os.closerange(3, 4096)
-        sys.stdout = sys.stderr = Path(os.devnull).open("w")  # which a test may have led into a file that is closed now
+        sys.stdout = sys.stderr = io.StringIO()  # which a test may have led into a file that is closed now
         if env is not None:
             os.environ.clear()
             os.environ.update(env)
