@@ -2,15 +2,16 @@
 
     python tools/kill_survival.py --kills 200 --seed 0
 
-Each round starts a program, sends SIGKILL to its process group after a random time, starts the same command once more,
-now to its end, and compares what it wrote with that of a run that nobody disturbed. `train` and `benchmark run` are
-killed, resumed and killed again until they end; their weights have to be the same bit by bit. A round counts as lost
-where the end differs, as half-written where temporary files are left.
+Each round starts a program, sends SIGKILL to its process group after a random processor time (Linux), starts the same
+command once more, now to its end, and compares what it wrote with that of a run that nobody disturbed. `train` and
+`benchmark run` are killed, resumed and killed again until they end; their weights have to be the same bit by bit. A
+round counts as lost where the end differs, as half-written where temporary files are left.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import hashlib
 import json
 import os
@@ -109,14 +110,24 @@ def start(command: list[str], folder: Path) -> subprocess.Popen[bytes]:
         return subprocess.Popen(command, stdout=output, stderr=output, env=environment, start_new_session=True)
 
 
+def used_s(group: int) -> float:
+    """Processor time of a process group, s."""
+    ticks = 0
+    for file in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            fields = file.read_text().rpartition(")")[2].split()
+            ticks += sum(map(int, fields[11:15])) if int(fields[2]) == group else 0
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
 def killed(process: subprocess.Popen[bytes], after_s: float) -> bool:
-    """Kill a process group after a time; False where it had ended by then."""
-    try:
-        process.wait(after_s)
-    except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-        return True
+    """Kill a process group after so much processor time; False where it had ended by then."""
+    while process.poll() is None:
+        if used_s(process.pid) >= after_s:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+            return True
+        time.sleep(0.01)
     return False
 
 
@@ -146,15 +157,17 @@ def attack(subject: Subject, whole: dict[str, str], duration_s: float, chance: r
 
 
 def undisturbed(subject: Subject) -> tuple[dict[str, str], float]:
-    """What a program writes, and how long it takes, s."""
+    """What a program writes, and the processor time that it takes, s."""
     with tempfile.TemporaryDirectory() as top:
         folder = Path(top) / "out"
         folder.mkdir()
-        begin = time.monotonic()
-        code = start(subject.command(folder), folder).wait()
-        if code:
+        process, duration_s = start(subject.command(folder), folder), 0.0
+        while process.poll() is None:
+            duration_s = max(duration_s, used_s(process.pid))
+            time.sleep(0.01)
+        if process.returncode:
             sys.exit(f"{subject.name}: {(Path(top) / 'output.txt').read_text(errors='replace')}")
-        return subject.digest(folder), time.monotonic() - begin
+        return subject.digest(folder), duration_s
 
 
 def main() -> int:
