@@ -3,7 +3,7 @@
 #   make test | lint | bench      tests; style, types and import rules; measured speeds
 #   make test-cluster             the tests that need Ray, which it installs
 #   make docs                     the documentation site, in build/site; a broken link or reference fails
-#   make corpus | fuzz            other people's robots, read, converted, stepped and cut; attacks, for minutes (FUZZ_MINUTES=60 PART=xacro)
+#   make corpus | fuzz            other people's robots, read, converted, stepped and cut; attacks, for minutes (FUZZ_MINUTES=60 PART=names)
 # PYTHON=/path/to/python3.12 chooses the interpreter (3.11 or newer) that makes .venv.
 
 SHELL := bash

@@ -14,6 +14,7 @@ from rich.text import Text
 
 from morphkit.utils.printable import one_line, printable
 from morphkit_cli import terminal
+from morphkit_cli.common import print_json
 from morphkit_cli.main import run
 from morphkit_cli.progress import ProgressDisplay
 from morphkit_cli.table import table
@@ -138,3 +139,11 @@ def test_rich_text_and_warnings(capsys: pytest.CaptureFixture[str], monkeypatch:
     terminal.guard_warnings()
     shown: Callable[..., str] = warnings.formatwarning
     refuse_raw(capsys.readouterr().out + shown("a\x9b", UserWarning, "file", 1))
+
+
+def test_json_has_its_own_escapes(capsys: pytest.CaptureFixture[str]) -> None:
+    name = "".join((*TRICKS, *IN_FILE_NAMES))
+    print_json({name: name})
+    printed = capsys.readouterr().out
+    refuse_raw(printed)
+    assert json.loads(printed) == {name: name}

@@ -139,6 +139,17 @@ def test_a_matrix_that_several_begin_at_once_is_whole(tmp_path: Path) -> None:
     assert [each.state for each in read_matrix(tmp_path / "m")] == ["not started"] * 12
 
 
+@pytest.mark.parametrize(
+    ("key", "value"), [("split", "3"), ("task", "../../a"), ("method", "\x1b[31m"), ("method", ""), ("seed", 7)]
+)
+def test_a_cell_is_called_as_its_folder(key: str, value: object, tmp_path: Path) -> None:
+    make_matrix(tmp_path, tasks=["hoppers"], seeds=1)
+    (file,) = tmp_path.rglob(CELL)
+    file.write_text(json.dumps({**json.loads(file.read_text()), key: value}))
+    with pytest.raises(CheckpointError, match="damaged"):
+        read_matrix(tmp_path)
+
+
 def test_damaged_and_empty_matrices_are_named(tmp_path: Path) -> None:
     with pytest.raises(CheckpointError, match="no such folder"):
         read_matrix(tmp_path / "none")

@@ -133,3 +133,9 @@ def test_missing_matplotlib_names_the_extra(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(DependencyError, match=r'pip install "morphkit\[viewer\]"'):
         results_figure([], [], tmp_path / "result.png")
+
+
+def test_a_name_is_no_formula(tmp_path: Path) -> None:
+    name = r"a$\frac$_^{"
+    metrics = [{"steps": 10, "return_mean": 1.0, "returns": {name: 1.0}}]
+    assert results_figure(metrics, [FakeResult(name)], tmp_path / "a.png").stat().st_size > 1000
