@@ -150,7 +150,7 @@ def attack(subject: Subject, whole: dict[str, str], duration_s: float, chance: r
             return kills, f"lost: exit code {code}: {said[-1] if said else ''}"
         found = subject.digest(folder)
         if others := sorted(name for name in {**whole, **found} if whole.get(name) != found.get(name)):
-            return kills, f"lost: other content: {others[0]} and {len(others) - 1} others"
+            return kills, f"lost: other content: {', '.join(others)}"
         if left := leftovers(folder):
             return kills, f"half-written: {left[0]}"
     return kills, "same"
