@@ -8,8 +8,10 @@ from typing import Any
 
 import typer
 
+from morphkit.utils.printable import one_line
+
 from . import common
-from .terminal import note, one_line
+from .terminal import note
 
 _OF_A_RESUMED_RUN = ("minutes", "steps", "encoder", "quiet")
 
