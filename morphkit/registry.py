@@ -207,20 +207,12 @@ def _load_file(path: Path, root: str | None) -> Description:
         toml = read_robot_toml(beside)
         if toml.file == path.name:
             return _full(toml, root)
-    listing = path.parent / MANIFEST
-    if listing.is_file():
-        from morphkit.families.manifest import read_manifest
+    from morphkit.families.manifest import find_listed
 
-        try:
-            manifest = read_manifest(listing, check_files=False)
-        except DescriptionError:
-            if b'"variants"' in listing.read_bytes():
-                raise
-            return _describe(path, path.stem, RobotInfo(), root)  # another program's manifest.json
-        for variant in manifest.variants:
-            if variant.file == path.name:
-                own = _describe(path, variant.name, manifest.info, root)
-                return replace(own, packages=manifest.readable())
+    listed = find_listed(path)
+    if listed is not None:
+        manifest, variant = listed
+        return replace(_describe(path, variant.name, manifest.info, root), packages=manifest.readable())
     return _describe(path, path.stem, RobotInfo(), root)
 
 

@@ -120,6 +120,24 @@ def read_manifest(path: Path, *, check_files: bool = True) -> Manifest:
     return manifest
 
 
+def find_listed(file: Path) -> tuple[Manifest, ManifestVariant] | None:
+    """The manifest next to a description file and what it lists it as; None where none lists it.
+
+    Raises:
+        DescriptionError: The manifest is damaged; one of another program is not.
+    """
+    listing = file.parent / FILE_NAME
+    if not listing.is_file():
+        return None
+    try:
+        manifest = read_manifest(listing, check_files=False)
+    except DescriptionError:
+        if b'"variants"' in listing.read_bytes():
+            raise
+        return None
+    return next(((manifest, each) for each in manifest.variants if each.file == file.name), None)
+
+
 def listed_files(manifest: Manifest) -> dict[str, str]:
     """SHA-256 of each file in the manifest's folder, by its path there."""
     return {**{variant.file: variant.sha256 for variant in manifest.variants}, **manifest.assets}

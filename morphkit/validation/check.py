@@ -9,6 +9,7 @@ from typing import Any
 
 from morphkit import robot_toml
 from morphkit.errors import DescriptionError
+from morphkit.families.manifest import find_listed
 from morphkit.formats.mjcf_schema import EXPANDERS
 from morphkit.formats.srdf import start_state
 from morphkit.validation import (
@@ -54,30 +55,32 @@ def check(
         The findings; a file that is no XML or no robot is one as well.
 
     Raises:
-        DescriptionError: There is no such file, or it or the `robot.toml` next to it cannot be read.
+        DescriptionError: There is no such file, or it or the `robot.toml` or manifest next to it cannot be
+            read.
         DependencyError: The library that expands xacro is missing.
         UnknownNameError: The xacro file has no argument of a name in `xacro_args`.
     """
     path = Path(path)
     report = Report(shown if shown is not None else str(path))
     try:
+        start, packages = _beside(path, packages)
         doc = open_document(path, report, packages, xacro_args, trust_xacro=trust_xacro)
     except OSError as error:
         raise DescriptionError(f"{path}: cannot be read: {error.strerror or error}") from error
     if doc is not None and report.format == "urdf":
-        _check_urdf(doc, path, deep=deep)
+        _check_urdf(doc, path, start, deep=deep)
     elif doc is not None:
-        _check_mjcf(doc, path, deep=deep)
+        _check_mjcf(doc, path, start, deep=deep)
     report.sort()
     return report
 
 
-def _check_urdf(doc: CheckedDocument, path: Path, *, deep: bool) -> None:
+def _check_urdf(doc: CheckedDocument, path: Path, start: Start, *, deep: bool) -> None:
     urdf_tree.check_xacro(doc)
     urdf_repairs.check_repairs(doc)
     tree = urdf_tree.read_tree(doc)
     urdf_tree.check_references(doc, tree)
-    start = start_state(path, doc.document, _start(path))
+    start = start_state(path, doc.document, start)
     urdf_joints.check_joints(doc, tree, start)
     inertials, uses = urdf_links.check_links(doc, tree)
     answer = _probe_urdf(doc, path, [use.path for use in uses], start) if deep else Answer()
@@ -107,19 +110,25 @@ def _folders(doc: CheckedDocument) -> dict[str, Any]:
     return {"folder": str(doc.folder.resolve()), "packages": packages}
 
 
-def _start(path: Path) -> Start:
-    """What a `robot.toml` next to the file says of the start pose."""
+def _beside(path: Path, packages: Mapping[str, Path]) -> tuple[Start, Mapping[str, Path]]:
+    """What a `robot.toml` or a manifest next to the file says of the start pose, and what may be read for the file."""
     beside = path.parent / robot_toml.FILE_NAME
     toml = robot_toml.read_robot_toml(beside) if beside.is_file() else None
-    return toml.info.start if toml is not None and toml.file == path.name else ""
+    if toml is not None and toml.file == path.name:
+        return toml.info.start, packages
+    listed = find_listed(path)
+    if listed is None:
+        return "", packages
+    manifest, _ = listed
+    return manifest.info.start, {**manifest.readable(), **packages}
 
 
-def _check_mjcf(doc: CheckedDocument, path: Path, *, deep: bool) -> None:
+def _check_mjcf(doc: CheckedDocument, path: Path, start: Start, *, deep: bool) -> None:
     mjcf_values.check_numbers(doc)
     inertials = mjcf_values.check_inertials(doc)
     meshes = mjcf_assets.find_meshes(doc)
     text, lines = mjcf_references.numbered(doc.root)
-    answer, start = Answer(), _start(path)
+    answer = Answer()
     if deep:
         model = {"source": text, "file": path.name, **_folders(doc), "start": start}
         answer = probe([use.path for use in meshes.values()], model=model)

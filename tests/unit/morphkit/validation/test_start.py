@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import trimesh
 
+from morphkit.ablation.ablate import ablate
+from morphkit.description import RobotInfo
+from morphkit.families.write import write_family
+from morphkit.registry import load
 from morphkit.validation import urdf_conversion
 from morphkit.validation.check import check
 from morphkit.validation.mujoco_checks import examine
@@ -80,6 +86,28 @@ def test_a_robot_tips_over_where_its_feet_do_not_support_it(tmp_path: Path, robo
 def test_check_reports_what_barely_stands(tmp_path: Path) -> None:
     (tmp_path / "r.urdf").write_text(bench(0.1, 0.0))
     assert lines_of(check(tmp_path / "r.urdf"), "start-tips") == [1]
+
+
+def test_a_family_says_where_its_variants_start(tmp_path: Path) -> None:
+    (tmp_path / "r.urdf").write_text(CHAIN)
+    info = RobotInfo(start={"one": 3.1, "two": -3.1})
+    robot = replace(load(tmp_path / "r.urdf"), info=info)
+    write_family(robot, [ablate(robot, remove=[], name="r_all")], tmp_path / "family")
+    assert lines_of(check(tmp_path / "family" / "r_all.urdf"), "links-overlap") == [6]
+    (tmp_path / "family" / "manifest.json").write_text('{"name": "another program"}')
+    assert not lines_of(check(tmp_path / "family" / "r_all.urdf"), "links-overlap")
+
+
+def test_a_family_says_where_the_meshes_of_its_variants_are(tmp_path: Path) -> None:
+    (tmp_path / "source").mkdir()
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(tmp_path / "source" / "box.stl")
+    source = CHAIN.replace('<box size=".05 .05 .4"/>', '<mesh filename="box.stl"/>', 1)
+    (tmp_path / "source" / "r.urdf").write_text(source)
+    robot = load(tmp_path / "source" / "r.urdf")
+    write_family(robot, [ablate(robot, remove=["c"], name="r_2")], tmp_path / "family", assets="reference")
+    assert check(tmp_path / "family" / "r_2.urdf").count("error") == 0
+    (tmp_path / "family" / "manifest.json").unlink()
+    assert lines_of(check(tmp_path / "family" / "r_2.urdf"), "file-outside")
 
 
 POST = '<body name="post" pos=".9 0 .3"><geom size=".1"/></body>'
