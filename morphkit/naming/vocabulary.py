@@ -58,6 +58,7 @@ _JOINT_CODES = {
     **{"sh": "shoulder", "el": "elbow", "wr": "wrist"},
     **{"hp": "hip", "kn": "knee", "ak": "ankle", "bk": "spine"},
 }
+_GLUED_END = re.compile("({0})({1})|({1})({0})".format("|".join(ENDS), "|".join(SIDES)))
 FILLERS = frozenset({"link", "body", "joint", "motor", "actuator"})
 _PHRASES = (
     ("upper leg", "thigh"),
@@ -70,8 +71,20 @@ _PHRASES = (
 def split(name: str) -> list[str]:
     """The lower-case words of a name, cut at signs, at camelCase humps and between letters and digits."""
     humps = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", name)
-    words = [word.lower() for word in re.findall(r"[^\W\d_]+|\d+", humps)] or [name.lower()]
+    words = [part for word in re.findall(r"[^\W\d_]+|\d+", humps) for part in _unglue_end(word.lower())]
+    words = words or [name.lower()]
     return " ".join(words).replace("fore arm", "forearm").split(" ")
+
+
+def _unglue_end(word: str) -> list[str]:
+    """Take apart an end and a side that are written as one, such as `frontleft`, also with a part: `hindrightfoot`."""
+    match = _GLUED_END.match(word)
+    if match is None:
+        return [word]
+    rest = word[match.end() :]
+    if rest and segment(rest) is None:
+        return [word]
+    return list(filter(None, (*match.groups(), rest)))
 
 
 def segment(word: str) -> str | None:
