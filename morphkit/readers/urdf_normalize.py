@@ -162,7 +162,13 @@ def _settle_inertial(link: Any, inertial: Any) -> Iterator[Repair]:
 
 
 def _settle_limit(joint: Any, limit: Any) -> Iterator[Repair]:
-    """Write infinite numbers as MuJoCo reads them; a joint cannot be bounded on one side only."""
+    """Write infinite numbers as MuJoCo reads them; a joint cannot be bounded on one side only, a ball joint not at all."""
+    bounds = [key for key in ("lower", "upper") if limit.get(key) is not None]
+    if joint.get("type") == "spherical" and bounds:
+        for key in bounds:
+            del limit.attrib[key]
+        text = f"{' and '.join(bounds)} of spherical {_of(joint)} count for nothing: it has no single position"
+        yield Repair("limit-ignored", limit, joint.get("name") or "", text)
     infinite = [key for key in _ATTRIBUTES["limit"] if _is_infinite(limit.get(key))]
     sides = [key for key in infinite if key in ("lower", "upper")]
     for key in infinite:

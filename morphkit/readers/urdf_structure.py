@@ -20,6 +20,8 @@ WITH_AXIS = ("revolute", "continuous", "prismatic", "planar")
 MAY_BE_INFINITE = ("limit",)
 """Elements in which an infinite number means something: no bound."""
 
+SHORTEST_AXIS = 1e-9
+"""Length under which an axis has no direction."""
 _FEW = 20
 NUMBERS = {
     "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
@@ -205,12 +207,16 @@ def _check_motion(joints: Mapping[str, Element], file: str) -> None:
                     f" exist{did_you_mean(mimic.get('joint') or '', joints)}"
                 )
         for axis in joint.iterchildren("axis"):
-            if axis.get("xyz") is None and joint.get("type") in WITH_AXIS:
-                raise DescriptionError(f"{file}:{axis.sourceline}: joint {name!r} has {without_direction(axis)}")
+            fault = without_direction(axis) if joint.get("type") in WITH_AXIS else ""
+            if fault:
+                raise DescriptionError(f"{file}:{axis.sourceline}: joint {name!r} has {fault}")
 
 
 def without_direction(axis: Element) -> str:
-    """What to say of an `<axis>` that has no `xyz`."""
+    """What to say of an `<axis>` that has no `xyz`, or one of length zero; empty for others."""
+    xyz = axis.get("xyz")
+    if xyz is not None:
+        return f"the axis {xyz}, which has no direction" if np.linalg.norm(numbers(xyz)) < SHORTEST_AXIS else ""
     other = f", but {', '.join(axis.keys())}" if axis.keys() else ""
     return f'an <axis> without xyz{other}; write <axis xyz="..."/>'
 

@@ -70,7 +70,7 @@ def load_spec(
         check_mjcf(tree.getroot(), file=description.file)
         models = prepare_parse(tree, description)
     try:
-        spec = mujoco.MjSpec.from_string(xml.serialize(tree).decode(), include=models)
+        spec = mujoco.MjSpec.from_string(xml.decode(xml.serialize(tree), tree), include=models)
     except ValueError as error:
         raise DescriptionError(f"{description.file}: MuJoCo cannot read it: {error}") from error
     name_elements(spec)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from morphkit.formats.urdf_transmissions import driven_joints
-from morphkit.readers.urdf_structure import WITH_AXIS, without_direction
+from morphkit.readers.urdf_structure import SHORTEST_AXIS, WITH_AXIS, without_direction
 from morphkit.validation.common import read_numbers, start_is_said, unknown
 from morphkit.validation.document import CheckedDocument, elements
 from morphkit.validation.urdf_tree import UrdfTree
@@ -56,7 +56,7 @@ def _check_joint(doc: CheckedDocument, name: str, joint: Any) -> tuple[float, fl
     for element in elements(joint, "axis"):
         axis = read_numbers(doc, element, "xyz", _THREE, owner=owner)
         length = math.hypot(*axis) if axis is not None else 1.0
-        if kind in (*_MOVING, "planar") and length < 1e-9:
+        if kind in WITH_AXIS and length < SHORTEST_AXIS:
             doc.add("axis-zero", element, f"{owner} has the axis {element.get('xyz')}", name=name)
         elif kind in WITH_AXIS and element.get("xyz") is None:
             doc.add("axis-missing", element, f"{owner} has {without_direction(element)}", name=name)

@@ -10,6 +10,7 @@ import pytest
 
 from morphkit.ablation.ablate import ablate
 from morphkit.conversion.convert import convert
+from morphkit.description import Description
 from morphkit.errors import DescriptionError
 from morphkit.readers import read
 from morphkit.simulation.build import build_simulation, compile_plain
@@ -93,6 +94,37 @@ def test_an_axis_without_direction_is_refused_where_something_moves(tmp_path: Pa
     report = check_text(tmp_path, "r.urdf", two(extra=hand), deep=False)
     assert lines_of(report, "attribute-unknown") == [5]
     assert not report.count("error")
+
+
+@pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic", "planar"])
+def test_an_axis_of_length_zero_is_refused_by_all(kind: str) -> None:
+    text = two(moving='<axis xyz="0 0 0"/>' + LIMIT, kind=kind)
+    for use in (read, convert, build_simulation, load_mechanics, compile_plain):
+        with pytest.raises(DescriptionError, match=r"r\.urdf:4: joint 'j' has the axis 0 0 0, which has no direction"):
+            use(described(text))
+
+
+def test_limits_of_a_ball_joint_count_for_nothing(tmp_path: Path) -> None:
+    text = two(moving=LIMIT, kind="spherical")
+    conversion = by_all(text)
+    assert "lower and upper of spherical joint 'j' count for nothing: it has no single position" in conversion.notes
+    model = conversion.spec.compile()
+    assert not model.jnt_limited.any()
+    assert read(described(text)).joints[0].kind == "ball"
+    assert not check_text(tmp_path, "r.urdf", text, deep=False).count("error")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "iso-8859-1", "utf-16", "windows-1252"])
+def test_a_file_in_another_encoding_is_read_by_all(encoding: str) -> None:
+    text = two().replace('"arm"', '"ärm"').removeprefix("<?xml version='1.0'?>")
+    declared = f'<?xml version="1.0" encoding="{encoding.removesuffix("-sig")}"?>\n{text}'
+    robot = Description("r", "r.urdf", "urdf", declared.encode(encoding))
+    names = [limb.name for limb in read(robot).limbs]
+    assert "ärm" in names
+    model = convert(robot, thorough=False).spec.compile()
+    assert {model.body(number).name for number in range(model.nbody)} >= set(names)
+    build_simulation(robot)
+    load_mechanics(robot)
 
 
 @pytest.mark.parametrize(
