@@ -186,6 +186,7 @@ def _compile(spec: mujoco.MjSpec, file: str, *, incomplete: set[str], notes: lis
     """Compile `spec`; broken meshes and impossible inertias are left out and noted, with the names of their bodies."""
     spec.compiler.boundmass, spec.compiler.boundinertia = _TINY, _TINY
     spec.compiler.balanceinertia = True
+    spec.compiler.fusestatic = spec.compiler.discardvisual = False  # what the file has is looked at as it stands there
     for geom in spec.geoms:
         geom.priority = _COULD_TOUCH if geom.contype or geom.conaffinity else 0
         geom.contype = geom.conaffinity = 0  # Else MuJoCo computes the convex hull of every mesh.

@@ -89,3 +89,11 @@ def test_colors_of_the_file_are_kept_and_others_tell_limbs_apart() -> None:
 def test_base_joints() -> None:
     assert [joint.name for joint in base_joints(load_mechanics(load("cheetah")))] == ["rootx", "rootz", "rooty"]
     assert base_joints(load_mechanics(arm())) == ()
+
+
+def test_what_the_compiler_would_leave_out_is_looked_at_all_the_same() -> None:
+    shown = '<geom size=".05" contype="0" conaffinity="0"/>'
+    body = f'<body name="arm"><joint/><geom size=".1"/>{shown}<body name="tip"><geom size=".02"/></body></body>'
+    plain = load_mechanics(mjcf(body)).model
+    fused = load_mechanics(mjcf(body, '<compiler fusestatic="true" discardvisual="true"/>')).model
+    assert (fused.nbody, fused.ngeom) == (plain.nbody, plain.ngeom)
