@@ -24,6 +24,8 @@ CHAIN = 250
 """Links that hang one on another in what is simulated; MJCF nests them, and XML readers stop at 256 levels."""
 MESH_BYTES = 512 * 2**20
 """Of a mesh file, unpacked; those of real robots have some megabytes."""
+STL_FACES = 4_000_000
+"""Triangles of a binary STL, which says at its start how many it has; those of real robots have at most a million."""
 NAME_LENGTH = 1000
 READINGS = 10_000
 """Readings of one declared sensor; one with more is taken for an image."""

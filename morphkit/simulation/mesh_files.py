@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from morphkit.errors import AssetError
-from morphkit.formats.limits import MESH_BYTES
+from morphkit.formats.limits import MESH_BYTES, STL_FACES
 from morphkit.simulation.collada import check_instances, without_materials
 from morphkit.utils.isolation import run_isolated
 from morphkit.utils.process_limits import Limits
@@ -69,6 +69,19 @@ def _check_size(path: Path) -> None:
     if size > MESH_BYTES:
         limit = MESH_BYTES // 2**20
         raise AssetError(f"{path}: {size / 2**20:.0f} MiB of mesh, more than the limit of {limit} MiB")
+    if path.suffix.lower() == ".stl" and (faces := _stated_faces(path)) > STL_FACES:
+        raise AssetError(
+            f"{path}: {faces:,} triangles, more than the limit of {STL_FACES:,}; reduce the mesh, for instance with"
+            " trimesh's simplify_quadric_decimation"
+        )
+
+
+def _stated_faces(path: Path) -> int:
+    """How many triangles a binary STL says that it has; 0 of one that is text, or shorter than that."""
+    with path.open("rb") as file:
+        head = file.read(_ASCII_BYTES)
+    faces = int.from_bytes(head[80:_HEAD], "little")
+    return faces if b"facet" not in head and path.stat().st_size >= _HEAD + _FACE * faces else 0
 
 
 def _is_plain_stl(content: bytes) -> bool:
@@ -83,11 +96,15 @@ def _without_rest(content: bytes) -> bytes:
     return content[:end] if _HEAD < end < len(content) and b"facet" not in content[:_ASCII_BYTES] else content
 
 
-def load_mesh(path: Path) -> Any:
+def load_mesh(path: Path, *, merged: bool = True) -> Any:
     """Read a mesh file, all its parts joined, in meters where the file states its unit.
 
     COLLADA states one. Its up axis is not applied: RViz, Gazebo and MoveIt take coordinates as they are, so that
     URDFs are written for that, whatever axis their meshes state. Nor is glTF turned, whose up axis is y by definition.
+
+    Args:
+        path: The file.
+        merged: Whether the corners that triangles of an STL share become one vertex, which takes most of the time.
 
     Returns:
         A `trimesh.Trimesh` with at least one face.
@@ -105,7 +122,8 @@ def load_mesh(path: Path) -> Any:
         if path.suffix.lower() == ".msh":
             return trimesh.Trimesh(*_read_msh(path.read_bytes()), process=False)
         if path.suffix.lower() == ".stl":
-            mesh = trimesh.load(io.BytesIO(_without_rest(path.read_bytes())), file_type="stl", force="mesh")
+            content = io.BytesIO(_without_rest(path.read_bytes()))
+            mesh = trimesh.load(content, file_type="stl", force="mesh", process=merged)
         else:
             mesh = trimesh.load(path, force="mesh", skip_materials=True)
         if path.suffix.lower() == ".dae" and len(mesh.faces) == 0:

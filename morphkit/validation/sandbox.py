@@ -122,7 +122,7 @@ def _measure(path: Path) -> dict[str, Any]:
     from morphkit.simulation.collada import up_axis
     from morphkit.simulation.mesh_files import load_mesh
 
-    mesh = load_mesh(path)
+    mesh = load_mesh(path, merged=False)
     if not np.all(np.isfinite(mesh.vertices)):
         return {"problem": "a vertex is not finite"}
     try:

@@ -117,3 +117,17 @@ def test_check_and_the_loader_have_one_limit(tmp_path: Path, monkeypatch: pytest
         mesh_files.read_for_mujoco(tmp_path / "large.stl")
     with pytest.raises(AssetError, match="more than the limit"):
         sandbox._measure(tmp_path / "large.stl")
+
+
+def test_an_stl_of_too_many_triangles_is_refused_at_its_head(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    loose = tmp_path / "loose.stl"
+    trimesh.creation.icosphere(subdivisions=1).export(loose)  # 80 triangles
+    assert len(load_mesh(loose, merged=False).vertices) == 240
+    assert len(load_mesh(loose).vertices) == 42
+    monkeypatch.setattr(mesh_files, "STL_FACES", 79)
+    monkeypatch.setattr(trimesh, "load", None)  # not a triangle is read
+    for use in (mesh_files.read_for_mujoco, sandbox._measure):
+        with pytest.raises(AssetError, match="80 triangles, more than the limit of 79"):
+            use(loose)
+    (tmp_path / "text.stl").write_bytes(b"solid " + b"x" * 80 + b" facet normal 0 0 1" + b" " * 4000)
+    assert mesh_files._stated_faces(tmp_path / "text.stl") == 0
