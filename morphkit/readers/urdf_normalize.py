@@ -162,7 +162,7 @@ def _settle_inertial(link: Any, inertial: Any) -> Iterator[Repair]:
 
 
 def _settle_limit(joint: Any, limit: Any) -> Iterator[Repair]:
-    """Write infinite numbers as MuJoCo reads them; a joint cannot be bounded on one side only, a ball joint not at all."""
+    """Write infinite numbers as MuJoCo reads them; a joint is bounded on both sides or none, a ball joint on none."""
     bounds = [key for key in ("lower", "upper") if limit.get(key) is not None]
     if joint.get("type") == "spherical" and bounds:
         for key in bounds:
