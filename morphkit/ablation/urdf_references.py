@@ -25,6 +25,8 @@ _LABELS = ("name", "type", "class", "filename", "plugin", "version", "id")
 _PROSE = ("description", "comment", "comments", "note", "notes", "author", "license", "documentation")
 _VALUES = ("value", "values")
 _SEPARATOR = re.compile(r"\s*,\s*|\s+")
+_WORDS = re.compile(r"""[\s,;:|=()\[\]{}"']+""")
+"""What separates names in lists and scopes of other programs: `["hip", "knee"]`, `robot::hip`."""
 
 
 def prune_references(root: Any, removed: Removed) -> Iterator[Loss]:
@@ -92,9 +94,11 @@ class _References:
                 yield Loss("transmission", name, limb, f"refers to joint {joint}")
                 return
             detach(element)
+            yield Loss("transmission", f"{name} {element.tag}", limb, f"refers to joint {joint}")
             if len(actuators) == len(joints):
                 detach(actuators[place])
-            yield Loss("transmission", f"{name} {element.tag}", limb, f"refers to joint {joint}")
+                label = actuators[place].get("name") or "actuator"
+                yield Loss("transmission", f"{name} {label}", limb, f"stood at the place of joint {joint}")
         yield from self._parts(transmission, "transmission", name)
 
     def gazebo(self, gazebo: Any) -> Iterator[Loss]:
@@ -148,7 +152,7 @@ class _References:
             for element in part.iter("*"):
                 words = [(key, value) for key, value in element.attrib.items()] + [("", element.text or "")]
                 for key, value in words:
-                    for name in dict.fromkeys([value.strip(), *_SEPARATOR.split(value.strip())]):
+                    for name in dict.fromkeys([value.strip(), *_SEPARATOR.split(value.strip()), *_WORDS.split(value)]):
                         limb = self._limb(name, *_BOTH)
                         if limb is not None:
                             where = f"its attribute {key}" if key else "its text"

@@ -164,3 +164,19 @@ def test_no_name_of_what_went_is_left_without_a_word(block: str, plugin: bool) -
     for name in ("hip", "thigh", "tail"):  # what is left is not touched where nothing beside it went
         if "knee" not in extra and "shin" not in extra:
             assert text.count(name) == extra.count(name)
+
+
+@pytest.mark.parametrize("value", ["[hip, knee]", '["hip","knee"]', "hip;knee", "robot::knee", "(knee)", "a=knee"])
+def test_names_in_lists_of_other_forms_are_still_mentioned(value: str) -> None:
+    left, variant = without_shin(f"<gazebo><plugin name='p'><a>{value}</a></plugin></gazebo>")
+    assert value in left
+    (mention,) = [loss for loss in variant.lost if loss.kind == "mention"]
+    assert mention.reason == "knee is still mentioned: <a>, its text"
+
+
+def test_the_actuator_of_a_joint_that_leaves_a_transmission_is_listed() -> None:
+    joints = '<joint name="hip"/><joint name="knee"/><actuator name="m1"/><actuator name="m2"/>'
+    left, variant = without_shin(f'<transmission name="t">{joints}</transmission>')
+    assert "m1" in left
+    assert "m2" not in left
+    assert [loss.name for loss in variant.lost if loss.kind == "transmission"] == ["t joint", "t m2"]
