@@ -28,17 +28,21 @@ KINDS = {
     "actuator": ("actuator", mujoco.mjtObj.mjOBJ_ACTUATOR),
     "equality": ("eq", mujoco.mjtObj.mjOBJ_EQUALITY),
     "sensor": ("sensor", mujoco.mjtObj.mjOBJ_SENSOR),
+    "geom": ("geom", mujoco.mjtObj.mjOBJ_GEOM),
+    "contact pair": ("pair", mujoco.mjtObj.mjOBJ_PAIR),
+    "contact exclusion": ("exclude", mujoco.mjtObj.mjOBJ_EXCLUDE),
 }
 """Kind of element -> how its arrays' names begin, and MuJoCo's type of object."""
 _COUNTED = {"body": "body_mass", "camera": "cam_fovy", "actuator": "actuator_trntype", "tendon": "tendon_num"}
+_COUNTED |= {"contact pair": "pair_dim", "contact exclusion": "exclude_signature"}
 OTHER_PREFIXES = frozenset(
     {
-        *("geom", "mesh", "hfield", "tex", "mat", "skin", "flex", "flexedge", "bvh", "oct", "light", "pair"),
-        *("key", "numeric", "text", "tuple", "exclude", "plugin", "tree", "wrap", "name", "names"),
+        *("mesh", "hfield", "tex", "mat", "skin", "flex", "flexedge", "bvh", "oct", "light"),
+        *("key", "numeric", "text", "tuple", "plugin", "tree", "wrap", "name", "names"),
         *("B", "D", "M", "ten", "efm0", "efmC", "mapM2M", "mapD2M", "mapM2D"),
     }
 )
-"""Beginnings of arrays of shapes and looks, which do not count, of other objects, and of MuJoCo's own tables."""
+"""Beginnings of arrays of meshes and looks, which do not count, of other objects, and of MuJoCo's own tables."""
 ELSEWHERE = frozenset(
     {
         *("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_parentid", "body_pos", "body_quat"),
@@ -57,9 +61,10 @@ _DERIVED = re.compile(
     r".*(invweight0|subtreemass|_acc0|_length0|_M0|_length|_simple|_sameframe|_margin0|_pos0|_poscom0|_mat0|_bvh\w*)"
 )
 _LOOKS = re.compile(
-    r".*(rgba|matid|_group|_user|_width|contype|conaffinity|body_margin)|cam_(ipd|user)|site_(size|type)"
+    r".*(rgba|matid|_group|_user|_width|body_contype|body_conaffinity|body_margin)|cam_(ipd|user)|site_(size|type)"
+    r"|geom_(type|size|pos|quat|aabb|rbound)|(pair|exclude)_signature"
 )
-_REFERENCE = re.compile(r"(site|cam)_bodyid|cam_targetbodyid|eq_obj[12]id|sensor_(obj|ref)id")
+_REFERENCE = re.compile(r"(site|cam|geom)_bodyid|cam_targetbodyid|eq_obj[12]id|sensor_(obj|ref)id|pair_geom[12]")
 
 
 def is_compared(array: str) -> bool:
@@ -114,6 +119,14 @@ def _unnamed(model: mujoco.MjModel, kind: str, number: int) -> str:
         return f"of {_reference(model, 'eq_obj1id', number)} and {_reference(model, 'eq_obj2id', number)}"
     if kind == "tendon":
         return f"along {' '.join(map(str, _path(model, number)[::2]))}"
+    if kind == "geom":
+        body = model.body(int(model.geom_bodyid[number]))
+        return f"of {body.name} number {number - int(body.geomadr[0])}"
+    if kind == "contact pair":
+        return f"of {_reference(model, 'pair_geom1', number)} and {_reference(model, 'pair_geom2', number)}"
+    if kind == "contact exclusion":
+        first, second = divmod(int(model.exclude_signature[number]), 1 << 16)
+        return f"of {model.body(first).name} and {model.body(second).name}"
     return f"number {number}"
 
 
@@ -144,6 +157,8 @@ def _reference(model: mujoco.MjModel, array: str, number: int) -> str | None:
     if _REFERENCE.fullmatch(array) is None:
         return None
     thing, of_type = int(getattr(model, array)[number]), mujoco.mjtObj.mjOBJ_BODY
+    if array.startswith("pair_"):
+        of_type = mujoco.mjtObj.mjOBJ_GEOM
     if array.startswith(("eq_", "sensor_")):
         types = {"eq": "eq_objtype", "sensor": array.replace("id", "type")}[array.partition("_")[0]]
         of_type = mujoco.mjtObj(int(getattr(model, types)[number]))
@@ -156,8 +171,8 @@ def _reference(model: mujoco.MjModel, array: str, number: int) -> str | None:
 
 def _limb(mechanics: Mechanics, kind: str, number: int) -> str | None:
     model = mechanics.model
-    if kind in ("body", "joint", "site", "camera"):
-        bodies = {"joint": "jnt_bodyid", "site": "site_bodyid", "camera": "cam_bodyid"}
+    if kind in ("body", "joint", "site", "camera", "geom"):
+        bodies = {"joint": "jnt_bodyid", "site": "site_bodyid", "camera": "cam_bodyid", "geom": "geom_bodyid"}
         body = number if kind == "body" else int(getattr(model, bodies[kind])[number])
         return mechanics.limb_of.get(body)
     return None

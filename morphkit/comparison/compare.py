@@ -16,7 +16,7 @@ SCHEMA_VERSION = 1
 
 Subject = Literal[
     "robot", "limb", "joint", "actuator", "sensor token", "actuator token",
-    "body", "site", "camera", "tendon", "equality", "sensor",
+    "body", "site", "camera", "tendon", "equality", "sensor", "geom", "contact pair", "contact exclusion",
 ]  # fmt: skip
 Kind = Literal["removed", "added", "renamed", "changed", "reordered"]
 
@@ -84,8 +84,8 @@ class Comparison:
 def compare(first: Description, second: Description, *, tolerance: float = 1e-6) -> Comparison:
     """Compare two robots by what they are: limbs, joints, actuators, masses and tokens.
 
-    Of two MJCFs also by every array of their compiled models, name by name; see `comparison.arrays`. Shapes, looks,
-    comments and the order of elements that have no tokens do not count.
+    Of two MJCFs also by every array of their compiled models, name by name; see `comparison.arrays`. Sizes and places of
+    shapes, looks, comments and the order of elements that have no tokens do not count; how shapes touch does.
 
     Args:
         first: A robot.
@@ -119,7 +119,7 @@ def compare(first: Description, second: Description, *, tolerance: float = 1e-6)
 def _elements(differ: _Differ, a: Facts, b: Facts, names: Mapping[str, str]) -> Iterator[Change]:
     """What changed in bodies, sites and the rest of an MJCF; `names` leads from names of the first to the second's.
 
-    That a body or sensor came or went is said by limbs and tokens.
+    That a body or sensor came or went is said by limbs and tokens; that a geom did is a matter of shapes.
     """
 
     def renamed(value: Value) -> Value:
@@ -132,7 +132,7 @@ def _elements(differ: _Differ, a: Facts, b: Facts, names: Mapping[str, str]) -> 
         # What has no name is called after what it refers to.
         called = {name: " ".join(names.get(word, word) for word in name.split(" ")) for name in first}
         pairs = {name: new for name in first if (new := names.get(name, called[name])) in second}
-        if kind in ("body", "sensor"):
+        if kind in ("body", "sensor", "geom"):
             first = {name: first[name] for name in pairs}
             second = {name: second[name] for name in pairs.values()}
         told = {

@@ -52,8 +52,8 @@ class Facts:
         actuators: What every actuator drives and within which bounds.
         sensor_tokens: Every sensor token in order, those of the declared sensors last.
         actuator_tokens: Every actuator token, in order.
-        elements: Of an MJCF, what the arrays of the compiled model hold of bodies, sites, cameras, tendons, equalities
-            and sensors: kind -> table.
+        elements: Of an MJCF, what the arrays of the compiled model hold of bodies, sites, cameras, tendons, equalities,
+            sensors, geoms, and contact pairs and exclusions: kind -> table.
         mass: Mass of the robot, kg; None where that of a limb is not known.
         notes: One sentence for each thing in the files that could not be used.
     """

@@ -30,6 +30,7 @@ JOINT_KINDS: dict[int, JointKind] = {0: "free", 1: "ball", 2: "slide", 3: "hinge
 """Value of MuJoCo's mjtJoint -> kind of joint."""
 
 _TINY = 1e-12  # kg, kg*m^2: what MuJoCo needs to accept a moving body without a mass
+_PLAIN = 0.01  # m
 _COULD_TOUCH = 1  # As a geom's priority, which means nothing where nothing touches.
 _ELEMENT = re.compile(r"Element name '(.*?)', id \d+", re.DOTALL)
 
@@ -109,8 +110,12 @@ def _load(description: Description, *, shapes: bool) -> Mechanics:
             visual_geoms.add_sticks(spec, root, limb_of)
             has_floor = not completion.add_floor(spec, solid=False)
         else:
-            _drop_shapes_without_mass(spec)
+            _drop_meshes_without_mass(spec)
         weightless = {body.name for body in spec.bodies if body.name in incomplete and _weighs_by_shape(spec, body)}
+        for geom in spec.geoms:
+            if shapes or geom.meshname:
+                geom.priority = _COULD_TOUCH if geom.contype or geom.conaffinity else 0
+                geom.contype = geom.conaffinity = 0  # Else MuJoCo computes the convex hull of every mesh.
         model = _compile(spec, description.file, incomplete=weightless, notes=notes)
         _refuse_infinite(model, description.file)
     root_id = model.body(morphology.root.name).id
@@ -172,11 +177,12 @@ def _without_shapes(description: Description) -> Description:
     return replace(description, source=document.source, document=document)
 
 
-def _drop_shapes_without_mass(spec: mujoco.MjSpec) -> None:
-    for body in spec.bodies:
-        if not _weighs_by_shape(spec, body):
-            for geom in body.geoms:
-                spec.delete(geom)
+def _drop_meshes_without_mass(spec: mujoco.MjSpec) -> None:
+    """Make geoms spheres that need a mesh or height field from which no mass follows."""
+    for geom in spec.geoms:
+        if (geom.meshname or geom.hfieldname) and not _weighs_by_shape(spec, geom.parent):
+            geom.meshname = geom.hfieldname = ""
+            geom.type, geom.size = mujoco.mjtGeom.mjGEOM_SPHERE, [_PLAIN, 0, 0]
     used = {geom.meshname for geom in spec.geoms}
     for mesh in [mesh for mesh in spec.meshes if mesh.name not in used]:
         spec.delete(mesh)
@@ -187,9 +193,6 @@ def _compile(spec: mujoco.MjSpec, file: str, *, incomplete: set[str], notes: lis
     spec.compiler.boundmass, spec.compiler.boundinertia = _TINY, _TINY
     spec.compiler.balanceinertia = True
     spec.compiler.fusestatic = spec.compiler.discardvisual = False  # what the file has is looked at as it stands there
-    for geom in spec.geoms:
-        geom.priority = _COULD_TOUCH if geom.contype or geom.conaffinity else 0
-        geom.contype = geom.conaffinity = 0  # Else MuJoCo computes the convex hull of every mesh.
     for _ in range(len(spec.meshes) + len(spec.bodies) + 1):
         try:
             return spec.compile()

@@ -19,6 +19,8 @@ WORLD = """<body name="torso"><freejoint/><geom size=".2"/><site name="one"/>
 POSITION = '<actuator><position name="motor" joint="hip" kp="9"{0}/></actuator>'
 TENDON = '<tendon><spatial{0}><site site="one"/><site site="two"/></spatial></tendon>'
 WELD = '<equality><weld body1="leg" body2="torso"{0}/></equality>'
+TOUCH = '<contact><pair name="p" geom1="toe" geom2="head"{0}/></contact>'
+EXCLUDE = '<contact><exclude body1="leg" body2="torso"/></contact>'
 GYRO = '<sensor><gyro name="gyro" site="one"{0}/></sensor>'
 
 
@@ -75,6 +77,45 @@ def test_what_changes_in_a_part_is_found(
     assert told(compare(robot(more=part.format("")), robot(more=part.format(change)))) == expected
 
 
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ('friction="2 .1 .1"', ["geom_friction"]),
+        ('condim="6"', ["geom_condim"]),
+        ('contype="2" conaffinity="0"', ["geom_conaffinity", "geom_contype"]),
+        ('priority="3" solref=".1 1"', ["geom_priority", "geom_solref"]),
+        ('rgba="1 0 0 1"', []),
+    ],
+)
+def test_how_shapes_touch_is_found(change: str, expected: list[str]) -> None:
+    first = robot()
+    source = first.source.decode().replace('size=".15"', f'size=".15" {change}')
+    found = told(compare(first, Description("r", "r.xml", "mjcf", source.encode())))
+    assert found == changed("geom", "of leg number 0", *expected)
+
+
+def test_how_meshes_touch_is_found_without_their_files() -> None:
+    text = """<mujoco><asset><mesh name="m" file="nowhere.obj"/></asset><worldbody><body name="b"><freejoint/>
+      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom name="g" type="mesh" mesh="m"{}/></body></worldbody></mujoco>"""
+    first, second = (Description("r", "r.xml", "mjcf", text.format(each).encode()) for each in ("", ' condim="1"'))
+    assert not compare(first, second).changes  # a file that is not there has no geom
+    box = text.replace('file="nowhere.obj"', 'vertex="0 0 0 1 0 0 0 1 0 0 0 1"')
+    first, second = (Description("r", "r.xml", "mjcf", box.format(each).encode()) for each in ("", ' condim="1"'))
+    assert told(compare(first, second)) == changed("geom", "g", "geom_condim")
+
+
+def test_contact_pairs_and_exclusions_are_compared() -> None:
+    def with_geoms(more: str) -> Description:
+        source = robot(more=more).source.decode().replace('size=".15"', 'name="toe" size=".15"')
+        return Description("r", "r.xml", "mjcf", source.replace('size=".2"', 'name="head" size=".2"').encode())
+
+    pair, slippery = with_geoms(TOUCH.format("")), with_geoms(TOUCH.format(' friction=".1"'))
+    assert told(compare(pair, slippery)) == changed("contact pair", "p", "pair_friction")
+    assert told(compare(with_geoms(""), pair)) == {("contact pair", "added", "p", None)}
+    excluded = compare(with_geoms(EXCLUDE), with_geoms(""))
+    assert told(excluded) == {("contact exclusion", "removed", "of torso and leg", None)}
+
+
 def test_no_array_is_left_out_unless_a_reason_says_so() -> None:
     model = mujoco.MjModel.from_xml_string(robot().source.decode())
     names = {name for name in dir(model) if isinstance(getattr(model, name), np.ndarray)} - {"_sizes"}
@@ -100,4 +141,4 @@ def test_a_cut_changes_no_array_of_what_is_left(name: str) -> None:
     whole = load(name)
     variant = ablate(whole, remove=[read(whole).limbs[-1].name]).description
     kinds = {(change.subject, change.kind) for change in compare(whole, variant).changes if change.kind == "changed"}
-    assert not {subject for subject, _ in kinds} & {"body", "site", "camera", "tendon", "equality", "sensor"}
+    assert not {subject for subject, _ in kinds} & {"body", "site", "camera", "tendon", "equality", "sensor", "geom"}
