@@ -96,7 +96,8 @@ def test_how_shapes_touch_is_found(change: str, expected: list[str]) -> None:
 
 def test_how_meshes_touch_is_found_without_their_files() -> None:
     text = """<mujoco><asset><mesh name="m" file="nowhere.obj"/></asset><worldbody><body name="b"><freejoint/>
-      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom name="g" type="mesh" mesh="m"{}/></body></worldbody></mujoco>"""
+      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+      <geom name="g" type="mesh" mesh="m"{}/></body></worldbody></mujoco>"""
     first, second = (Description("r", "r.xml", "mjcf", text.format(each).encode()) for each in ("", ' condim="1"'))
     assert not compare(first, second).changes  # a file that is not there has no geom
     box = text.replace('file="nowhere.obj"', 'vertex="0 0 0 1 0 0 0 1 0 0 0 1"')
