@@ -23,6 +23,7 @@ from .report import is_wrong, report
 SUFFIXES = (".urdf", ".xml", ".xacro")
 PARTS = ["convert", "step", "cut"]
 SECONDS_A_FILE = 300
+"""How long a file may take, s; at a low priority, or beside other work, it takes longer: `--seconds`."""
 
 
 def files(folders: list[Path]) -> Iterator[Path]:
@@ -39,8 +40,10 @@ def _is_mjcf(source: bytes) -> bool:
     return b"<mujoco" in source and b"<mujocoinclude" not in source
 
 
-def run(paths: list[Path], collection: Path, parts: list[str]) -> Iterator[dict[str, Any]]:
-    """Outcomes of all files, as they come; a file on which the worker dies or hangs is a failure."""
+def run(
+    paths: list[Path], collection: Path, parts: list[str], seconds: float = SECONDS_A_FILE
+) -> Iterator[dict[str, Any]]:
+    """Outcomes of all files, as they come; one on which the worker dies, or takes more `seconds`, is a failure."""
     left = [str(path) for path in paths]
     while left:
         current, reason = None, ""
@@ -52,10 +55,10 @@ def run(paths: list[Path], collection: Path, parts: list[str]) -> Iterator[dict[
         threading.Thread(target=_write, args=(worker.stdin, "\n".join(left)), daemon=True).start()
         while True:
             try:
-                line = lines.get(timeout=SECONDS_A_FILE)
+                line = lines.get(timeout=seconds)
             except queue.Empty:
                 worker.kill()
-                reason = f"no answer in {SECONDS_A_FILE} s"
+                reason = f"no answer in {seconds:g} s"
                 break
             if line is None:
                 reason = f"the process ended with code {worker.wait()}"
@@ -96,6 +99,7 @@ def main() -> int:
     parser.add_argument("--raw", type=Path, help="write all outcomes here, one JSON object a line")
     parser.add_argument("--resume", action="store_true", help="go on after what --raw holds")
     parser.add_argument("--parts", nargs="*", default=PARTS, choices=PARTS, help="what is tried besides tokens")
+    parser.add_argument("--seconds", type=float, default=SECONDS_A_FILE, help="how long a file may take")
     arguments = parser.parse_args()
     kept = arguments.raw.read_text() if arguments.resume and arguments.raw.is_file() else ""
     outcomes = [json.loads(line) for line in kept.splitlines()]
@@ -104,7 +108,7 @@ def main() -> int:
         for folder in arguments.folders:
             print(folder, file=sys.stderr)
             left = [path for path in files([folder]) if (folder.name, _short(str(path), folder)) not in done]
-            for found in run(left, folder, arguments.parts):
+            for found in run(left, folder, arguments.parts, arguments.seconds):
                 outcomes.append({**found, "collection": folder.name, "file": _short(found["file"], folder)})
                 if raw is not None:
                     print(json.dumps(outcomes[-1]), file=raw, flush=True)
