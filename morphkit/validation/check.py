@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 from morphkit import robot_toml
+from morphkit.description import RobotInfo
 from morphkit.errors import DescriptionError
 from morphkit.families.manifest import find_listed
 from morphkit.formats.mjcf_schema import EXPANDERS
@@ -63,24 +64,24 @@ def check(
     path = Path(path)
     report = Report(shown if shown is not None else str(path))
     try:
-        start, packages = _beside(path, packages)
+        info, packages = _beside(path, packages)
         doc = open_document(path, report, packages, xacro_args, trust_xacro=trust_xacro)
     except OSError as error:
         raise DescriptionError(f"{path}: cannot be read: {error.strerror or error}") from error
     if doc is not None and report.format == "urdf":
-        _check_urdf(doc, path, start, deep=deep)
+        _check_urdf(doc, path, info, deep=deep)
     elif doc is not None:
-        _check_mjcf(doc, path, start, deep=deep)
+        _check_mjcf(doc, path, info.start, deep=deep)
     report.sort()
     return report
 
 
-def _check_urdf(doc: CheckedDocument, path: Path, start: Start, *, deep: bool) -> None:
+def _check_urdf(doc: CheckedDocument, path: Path, info: RobotInfo, *, deep: bool) -> None:
     urdf_tree.check_xacro(doc)
     urdf_repairs.check_repairs(doc)
     tree = urdf_tree.read_tree(doc)
     urdf_tree.check_references(doc, tree)
-    start = start_state(path, doc.document, start)
+    start = start_state(path, doc.document, info.start)
     urdf_joints.check_joints(doc, tree, start)
     inertials, uses = urdf_links.check_links(doc, tree)
     answer = _probe_urdf(doc, path, [use.path for use in uses], start) if deep else Answer()
@@ -90,7 +91,8 @@ def _check_urdf(doc: CheckedDocument, path: Path, start: Start, *, deep: bool) -
     if found.get("refused") and not doc.report.count("error"):
         doc.add("simulator-refuses", doc.root, f"'morphkit convert' refuses the robot: {found['refused']}")
     urdf_links.check_overlaps(doc, tree, found.get("touching", ()))
-    urdf_links.check_balance(doc, found.get("tips_at"))
+    if info.base in (None, "free"):
+        urdf_links.check_balance(doc, found.get("tips_at"))
     _check_death(doc, answer)
 
 
@@ -110,17 +112,17 @@ def _folders(doc: CheckedDocument) -> dict[str, Any]:
     return {"folder": str(doc.folder.resolve()), "packages": packages}
 
 
-def _beside(path: Path, packages: Mapping[str, Path]) -> tuple[Start, Mapping[str, Path]]:
-    """What a `robot.toml` or a manifest next to the file says of the start pose, and what may be read for the file."""
+def _beside(path: Path, packages: Mapping[str, Path]) -> tuple[RobotInfo, Mapping[str, Path]]:
+    """What a `robot.toml` or a manifest next to the file says of the robot, and what may be read for the file."""
     beside = path.parent / robot_toml.FILE_NAME
     toml = robot_toml.read_robot_toml(beside) if beside.is_file() else None
     if toml is not None and toml.file == path.name:
-        return toml.info.start, packages
+        return toml.info, packages
     listed = find_listed(path)
     if listed is None:
-        return "", packages
+        return RobotInfo(), packages
     manifest, _ = listed
-    return manifest.info.start, {**manifest.readable(), **packages}
+    return manifest.info, {**manifest.readable(), **packages}
 
 
 def _check_mjcf(doc: CheckedDocument, path: Path, start: Start, *, deep: bool) -> None:

@@ -56,7 +56,6 @@ class Agent:
     Attributes:
         robots: All training robots side by side.
         each: The training robots one by one.
-        discount: Discount of one step, for now.
 
     Raises:
         ConfigError: There is no such method, or it cannot express one of the robots.
@@ -88,7 +87,6 @@ class Agent:
             keys, statistics = fine_tuning.take_over_statistics(start)
             self.normalizer.load_state_dict(statistics, keys)
         self.normalizer.index(specs, grow=True)
-        self.discount = config.td3.discount
         self.returns = None
         if config.learner.normalize_returns:
             self.returns = ReturnNormalizer(
@@ -107,6 +105,15 @@ class Agent:
             return TokenEmbedder(source, known.mean, known.std, known.components)
         texts = [text for spec in specs for text in spec.texts]
         return TokenEmbedder.fit(source, texts, standardize=config.standardize, components=config.components)
+
+    @property
+    def discount(self) -> float:
+        """Discount of one step, for now."""
+        options, first = self.config.learner, self.config.td3.discount
+        if options.final_discount == 0:
+            return first
+        used = min(self.learner.updates / options.discount_updates, 1.0)
+        return float(1 - (1 - first) ** (1 - used) * (1 - options.final_discount) ** used)
 
     def check(self, spec: TokenSpec) -> None:
         """Raise ConfigError where the method, made for the training robots, cannot express the robot `spec`."""
@@ -139,16 +146,8 @@ class Agent:
             ended: (robots, environments) whether the episode ended.
         """
         if self.returns is not None:
+            self.returns.discount = self.discount
             self.returns.update(np.stack(reward), ended)
-
-    def set_progress(self, used: float) -> None:
-        """Set step sizes and discount for a moment when the share `used` of the budget is used up."""
-        self.learner.set_rates(used)
-        first, last = 1 - self.config.td3.discount, 1 - self.config.learner.final_discount
-        if self.config.learner.final_discount > 0:
-            self.discount = 1 - first ** (1 - used) * last**used
-            if self.returns is not None:
-                self.returns.discount = self.discount
 
     def refresh(self) -> None:
         """From now on, standardize with the statistics of all that was observed so far."""

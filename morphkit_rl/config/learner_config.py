@@ -9,6 +9,15 @@ from morphkit_rl.config.parsing import bounded
 
 
 @dataclass(frozen=True, slots=True)
+class CriticSizes:
+    """What the arrays of perceptron critics depend on; as in `LearnerConfig`."""
+
+    critic_width: int
+    critic_layers: int
+    atoms: int
+
+
+@dataclass(frozen=True, slots=True)
 class LearnerConfig:
     """What a run may change about TD3; the defaults are TD3 as published, with the critics of the policy's method.
 
@@ -26,8 +35,9 @@ class LearnerConfig:
             returns, largest of their absolute values / `support`).
         critic_learning_rate: Adam's step size for the critics; 0 for that of the actor, `td3.learning_rate`.
         final_learning_rate: Share of the step sizes that is left when the budget is used up; they fall linearly.
-        final_discount: What `td3.discount` has become when the budget is used up; 1 - discount changes by a constant
-            factor a step (Francois-Lavet et al. 2015, section 3). 0: it stays.
+        final_discount: What `td3.discount` has become after `discount_updates`; 1 - discount changes by a constant
+            factor an update (Francois-Lavet et al. 2015, section 3). 0: it stays.
+        discount_updates: Updates until then.
         noise_spread: Exploration noise differs from environment to environment of a robot, evenly from
             `td3.exploration_noise` minus this to plus this.
         actor_start: Updates of the critics before the first one of the actor, for an actor that is good already.
@@ -48,8 +58,13 @@ class LearnerConfig:
     critic_learning_rate: float = 0.0
     final_learning_rate: float = bounded(1.0, at_most=1)
     final_discount: float = bounded(0.0, at_most=1)
+    discount_updates: int = bounded(60_000, at_least=1)
     noise_spread: float = 0.0
     actor_start: int = 0
     actor_average: float = bounded(0.0, at_most=1)
     saturation_margin: float = 0.0
     sample_ahead: bool = False
+
+    def sizes(self) -> CriticSizes:
+        """Sizes of perceptron critics."""
+        return CriticSizes(self.critic_width, self.critic_layers, self.atoms)

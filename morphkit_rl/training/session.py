@@ -152,7 +152,7 @@ def check_sizes(run: Path, config: TrainConfig) -> None:
     arrays = {}
     for name in ("policy", "learner"):
         arrays.update(checkpoint.load_arrays(folder / f"{name}.safetensors"))
-    sizes = (config.model, *([config.learner] if config.learner.critic == "perceptron" else []))
+    sizes = (config.model, *([config.learner.sizes()] if config.learner.critic == "perceptron" else []))
     network_arrays.require_sizes(sizes, Vocabulary.from_dict(state["vocabulary"]), arrays, folder)
     obs = checkpoint.load_arrays(folder / "environments.safetensors").get("trainer/obs")
     if obs is None or len(obs) != config.trainer.num_envs:

@@ -196,7 +196,7 @@ class Trainer:
                         self._save(run, best=True)
                 if self._fraction() >= 1:
                     break
-                session.agent.set_progress(self._fraction())
+                session.agent.learner.set_rates(self._fraction())
                 self._losses.update(session.schedule.advance())
                 elapsed_s = clock.elapsed_s
                 if progress and elapsed_s - reported >= REPORT_SECONDS:

@@ -256,15 +256,16 @@ def test_batches_drawn_ahead_are_parts_of_one_draw_and_as_many_and_large_as_othe
         np.testing.assert_array_equal(np.concatenate([getattr(b, name) for b in together]), getattr(whole, name))
 
 
-def test_the_discount_goes_from_first_to_last_with_the_budget_and_is_that_of_batches_and_returns(
+def test_the_discount_goes_from_first_to_last_with_the_updates_and_is_that_of_batches_and_returns(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     overrides = ("trainer.start_steps=0", "td3.discount=0.9", "learner.final_discount=0.999")
+    overrides = (*overrides, "learner.discount_updates=8000")
     one, drawn = session("hopper", overrides=overrides), []
     monkeypatch.setattr(schedules, "sample", lambda *given: drawn.append(given[3]) or sample(*given))
     assert one.agent.returns is not None
-    for used, expected in ((0.0, 0.9), (0.5, 0.99), (1.0, 0.999)):
-        one.agent.set_progress(used)
+    for updates, expected in ((0, 0.9), (4000, 0.99), (8000, 0.999), (9000, 0.999)):
+        one.agent.learner.updates = updates
         run_on(one, 1)
         assert [drawn.pop(), one.agent.returns.discount] == pytest.approx([expected] * 2)
 

@@ -73,13 +73,13 @@ def test_a_replay_that_does_not_fit_is_refused_before_texts_are_encoded(tmp_path
 
 def test_an_average_of_weights_and_falling_rates_resume_exactly(tmp_path: Path, config: TrainConfig) -> None:
     options = ["learner.actor_average=0.9", "learner.final_learning_rate=0.1", "trainer.checkpoint_seconds=1000"]
-    options += ["learner.final_discount=0.998", "td3.discount=0.95"]
+    options += ["learner.final_discount=0.998", "learner.discount_updates=30", "td3.discount=0.95"]
     changed, robots = load_config(overrides=[*_overrides(config), *options]), [load(name) for name in ROBOTS]
     train(robots, tmp_path / "whole", changed, steps=160)
     train(robots, tmp_path / "parts", changed, steps=160)
     session = Session(run_settings.load(tmp_path / "parts"))
     for sweep in range(20):
-        session.agent.set_progress(sweep * 4 / 160)
+        session.agent.learner.set_rates(sweep * 4 / 160)
         session.schedule.advance()
     session.save(tmp_path / "parts", 1.0)
     session.close()
