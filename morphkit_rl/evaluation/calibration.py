@@ -69,9 +69,7 @@ def predict(actuators: Sequence[str], rows: Sequence[Mapping[str, Any]], embed: 
     reference, returns = normalized_returns(rows)
     y = np.array([returns[row["robot"]] for row in trained])
     between = distances([row["actuators"] for row in trained], [row["actuators"] for row in trained], embed)
-    left_out = {
-        h: np.array([_mean(np.delete(between[i], i), np.delete(y, i), h) for i in range(len(y))]) for h in BANDWIDTHS
-    }
+    left_out = {h: _leave_one_out(between, y, h) for h in BANDWIDTHS}
     bandwidth = min(BANDWIDTHS, key=lambda h: float(np.square(left_out[h] - y).mean()))
     predicted, measured, bias = left_out[bandwidth], y, 0.0
     honest = len(others) >= FEWEST_HELD_OUT
