@@ -80,7 +80,7 @@ corpus: $(STAMP)
 
 FUZZ_MINUTES ?= 5
 fuzz: $(STAMP)
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.fuzz.run --minutes $(FUZZ_MINUTES) $(addprefix --seed ,$(FUZZ_SEED)) $(addprefix --part ,$(PART))
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.fuzz.run $(if $(FUZZ_FIXED),--fixed,--minutes $(FUZZ_MINUTES)) $(addprefix --seed ,$(FUZZ_SEED)) $(addprefix --part ,$(PART))
 
 clean:
 	rm -rf demo build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

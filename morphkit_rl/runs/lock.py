@@ -109,8 +109,9 @@ def _lock_of(folder: Path) -> BaseFileLock:
     """The lock of a folder that holds no links; some versions of filelock empty the file that they lock."""
     require_plain(folder, CheckpointError)
     path = folder / _LOCK
-    if path.exists() and not path.is_file():
-        raise CheckpointError(f"{path}: is no file, and so no lock of morphkit; remove it")
+    for own in (path, folder / _OWNER):
+        if own.exists() and not own.is_file():
+            raise CheckpointError(f"{own}: is no file, and so no lock of morphkit; remove it")
     if path.is_file() and path.stat().st_size and path.stat().st_nlink > 1:
         raise CheckpointError(f"{path}: is another name of a file with content, not a lock of morphkit; remove it")
     return FileLock(path)

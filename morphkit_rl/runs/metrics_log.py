@@ -25,7 +25,7 @@ def read_metrics(run: Path) -> list[dict[str, Any]]:
     require_plain(run, CheckpointError)
     path = run / METRICS
     try:
-        lines = read_plain(path).split(b"\n") if path.is_file() else [b""]
+        lines = read_plain(path).split(b"\n") if path.exists() else [b""]
     except OSError as error:
         raise CheckpointError(f"{path}: cannot be read: {error.strerror}") from None
     rows = [parse(line, Row, f"{path}:{number}") for number, line in enumerate(lines[:-1], 1)]

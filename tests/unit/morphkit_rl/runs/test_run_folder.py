@@ -221,13 +221,21 @@ def test_a_folder_with_a_file_cannot_be_trained_into(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo])
-def test_a_lock_that_is_no_file_is_refused(tmp_path: Path, make: Callable[[Path], None]) -> None:
-    make(tmp_path / ".lock")
+@pytest.mark.parametrize("name", [".lock", "owner.json"])
+def test_a_lock_that_is_no_file_is_refused(name: str, tmp_path: Path, make: Callable[[Path], None]) -> None:
+    make(tmp_path / name)
     with (
         pytest.raises(CheckpointError, match=r"is no file, and so no lock|neither a file nor a folder"),
         hold(tmp_path),
     ):
         pass
+
+
+def test_metrics_that_are_no_file_are_refused(run: Path) -> None:
+    (run / "metrics.jsonl").unlink()
+    (run / "metrics.jsonl").mkdir()
+    with pytest.raises(CheckpointError, match=r"metrics\.jsonl: cannot be read"):
+        resume(run, steps=40)
 
 
 BEFORE_CONFIG = ("robots/000-hopper.xml", "robots/.001-a.0123abcd.xml", ".config.0123abcd.json", ".lock",
