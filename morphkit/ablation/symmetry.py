@@ -91,6 +91,12 @@ def with_counterparts(names: Sequence[str], image: Mapping[str, str], morphology
     return tuple(dict.fromkeys(part for name in names for part in (name, image.get(name, name))))
 
 
+def other_side(text: str) -> str:
+    """`text` with left for right and right for left, be it words or letters of their own; itself where it says none."""
+    places = next((found for pattern in (_SIDE, _LETTER) if (found := list(pattern.finditer(text)))), [])
+    return _swap(text, places)
+
+
 def swapped(name: str) -> Iterator[str]:
     """Names that `name` could have on the other side, the likeliest first."""
     for pattern in (_SIDE, _LETTER):

@@ -14,6 +14,7 @@ from torch import Tensor
 from morphkit.errors import CheckpointError
 from morphkit.tokens.spec import TokenSpec
 from morphkit_rl.algorithms import fine_tuning
+from morphkit_rl.algorithms.augmentation import Augmentation, check_augmentation, make_augmentation
 from morphkit_rl.algorithms.normalizer import Normalizer
 from morphkit_rl.algorithms.policy import Policy
 from morphkit_rl.algorithms.return_normalizer import ReturnNormalizer
@@ -64,6 +65,7 @@ class Agent:
     def __init__(self, config: TrainConfig, specs: Sequence[TokenSpec], device: str, start: Policy | None = None):
         self.config, self.device, self.start = config, device, start
         self.method = find_method(config.model.method)
+        check_augmentation(config.augment, self.method.name, config.text.tune)
         self.vocabulary = Vocabulary.of(specs)
         if start is not None:
             self.vocabulary = fine_tuning.join_vocabulary(self.vocabulary, start)
@@ -96,6 +98,7 @@ class Agent:
         self.each = [self.view([spec]) for spec in specs]
         self._standard: dict[View, tuple[Tensor | None, Tensor | None]] = {}
         self._reward_scale: dict[View, Tensor] = {}
+        self._augmentations: dict[View, Augmentation | None] = {}
 
     def _make_embedder(self, specs: Sequence[TokenSpec]) -> TokenEmbedder:
         config = self.config.text
@@ -128,7 +131,7 @@ class Agent:
         """
         for spec in specs:
             self.check(spec)
-        layout = build_layout(specs, self.embedder, self.device, actions=self.method.actions)
+        layout = self._lay_out(specs)
         place = {name: number for number, name in enumerate(self.vocabulary.robots)}
         robots = np.array([place.get(spec.morphology, -1) for spec in specs])
         return View(layout, self.normalizer.index(specs), robots)
@@ -172,7 +175,7 @@ class Agent:
 
         Args:
             batch: Transitions of the robots of `view`.
-            rng: Source of the target noise.
+            rng: Source of the target noise and of what the actor is shown.
             view: The robots; default: all training robots.
             number: Which update it is, from 0, for `td3.policy_delay`; default: that of all so far.
 
@@ -181,7 +184,13 @@ class Agent:
         """
         view = view or self.robots
         return self.learner.update(
-            batch, *self._scale_and_shift(view), view.layout, rng, number, self._scale_of_rewards(view)
+            batch,
+            *self._scale_and_shift(view),
+            view.layout,
+            rng,
+            number,
+            self._scale_of_rewards(view),
+            self._augmentation_of(view),
         )
 
     def arrays(self) -> dict[str, dict[str, np.ndarray]]:
@@ -251,6 +260,14 @@ class Agent:
             scale, shift = (torch.from_numpy(array).to(self.device) for array in arrays)
             self._standard[view] = scale, shift
         return self._standard[view]
+
+    def _lay_out(self, specs: Sequence[TokenSpec]) -> Layout:
+        return build_layout(specs, self.embedder, self.device, actions=self.method.actions)
+
+    def _augmentation_of(self, view: View) -> Augmentation | None:
+        if view not in self._augmentations:
+            self._augmentations[view] = make_augmentation(self.config.augment, view.layout, self._lay_out)
+        return self._augmentations[view]
 
     def _scale_of_rewards(self, view: View) -> Tensor | None:
         if self.returns is None:

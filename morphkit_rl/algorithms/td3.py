@@ -11,6 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from morphkit.errors import ConfigError
+from morphkit_rl.algorithms.augmentation import Augmentation, Shown
 from morphkit_rl.algorithms.critic_losses import make_critic_loss
 from morphkit_rl.algorithms.normalizer import normalize
 from morphkit_rl.buffers.replay_buffer import Batch
@@ -83,6 +84,7 @@ class TD3:
         rng: np.random.Generator,
         number: int | None = None,
         reward_scale: Tensor | None = None,
+        augmentation: Augmentation | None = None,
     ) -> dict[str, Tensor]:
         """Update the critics, and every `policy_delay`-th time the actor and the targets.
 
@@ -93,9 +95,10 @@ class TD3:
             scale: (tokens,) factor that normalizes observations; None leaves them as they are.
             shift: (tokens,) summand that normalizes observations; None as with `scale`.
             layout: The robots.
-            rng: Source of the target noise.
+            rng: Source of the target noise and of what is shown.
             number: Which update it is, from 0, for `policy_delay`; default: that of all so far.
             reward_scale: (robots,) factors on rewards, besides `td3.reward_scale`; None for 1.
+            augmentation: What the actor is shown besides the robots as they are.
 
         Returns:
             Scalars: `critic_loss` and `q_mean`, with `actor_loss` where the actor was updated.
@@ -119,7 +122,8 @@ class TD3:
         first = 0 if self.config.actor_first else self.config.policy_delay - 1
         if (self.updates if number is None else number) % self.config.policy_delay == first:
             if self.updates >= self.options.actor_start:
-                losses["actor_loss"] = self._update_actor(obs, layout, share)
+                shown = Shown(layout) if augmentation is None else augmentation.draw(rng)
+                losses["actor_loss"] = self._update_actor(obs, layout, share, shown, shift)
                 polyak(self.actor_target, self.actor, self.config.tau)
             polyak(self.critic_target, self.critic, self.config.tau)
         self.updates += 1
@@ -138,11 +142,11 @@ class TD3:
         next_action = (self.actor_target(next_obs, layout) + noise).clamp(-1, 1)
         return self.critic_loss.target(self.critic_target(next_obs, next_action, layout), reward, discount)
 
-    def _update_actor(self, obs: Tensor, layout: Layout, share: Tensor) -> Tensor:
+    def _update_actor(self, obs: Tensor, layout: Layout, share: Tensor, shown: Shown, shift: Tensor | None) -> Tensor:
         """Climb the critics; the loss."""
         members = 1 if self.options.actor_objective == "first" else 2
         self.critic.requires_grad_(False)
-        action = self.actor(obs, layout)
+        action = self.actor(shown.observe(obs, shift), shown.layout)
         q = self.critic_loss.expectation(self.critic(obs, action, layout, members=members)).mean(0)
         self.critic.requires_grad_(True)
         loss = -(q.mean(0) * share).sum()

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from morphkit.errors import ConfigError, UnknownNameError
+from morphkit_rl.config.augment_config import AugmentConfig
 from morphkit_rl.config.learner_config import LearnerConfig
 from morphkit_rl.config.methods import DEFAULT, ModelSettings, find_method, settings_of
 from morphkit_rl.config.parsing import bounded, fill, lists_for_tuples, override
@@ -154,6 +155,7 @@ class TrainConfig:
     model: ModelSettings = field(default_factory=_default_model, metadata={"choose": settings_of})
     td3: TD3Config = field(default_factory=TD3Config)
     learner: LearnerConfig = field(default_factory=LearnerConfig)
+    augment: AugmentConfig = field(default_factory=AugmentConfig)
     trainer: TrainerConfig = field(default_factory=TrainerConfig)
 
     def to_dict(self) -> dict[str, dict[str, Any]]:

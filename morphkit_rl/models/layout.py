@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -69,6 +69,7 @@ class Layout:
         each_action_has_a_limb: Whether every action drives a single limb.
         robot_limbs: (robots, limbs) weights that average over a robot's limbs.
         action_robot: (actions,) robot of each action column.
+        hides_limbs: Whether limbs of a robot are foreign to others of it.
     """
 
     specs: tuple[TokenSpec, ...]
@@ -92,6 +93,7 @@ class Layout:
     each_action_has_a_limb: bool
     robot_limbs: Tensor
     action_robot: Tensor
+    hides_limbs: bool = False
 
     @property
     def num_robots(self) -> int:
@@ -107,6 +109,16 @@ class Layout:
     def num_actions(self) -> int:
         """Width of an action row."""
         return self.actions[-1].stop
+
+    def with_embeddings(self, embeddings: Tensor) -> Layout:
+        """The same robots with other embeddings (texts, size)."""
+        slots = self.observation
+        limbs = (embeddings[slots.text] * slots.mask).sum(1) / slots.mask.sum(1).clamp(min=1)
+        return replace(self, embeddings=embeddings, limb_embeddings=limbs)
+
+    def with_relation(self, relation: Tensor) -> Layout:
+        """The same robots, some of whose limbs are `FOREIGN` to others of theirs by `relation` (limbs, limbs)."""
+        return replace(self, relation=relation, kinship=Kinship.of(relation, self.limbs), hides_limbs=True)
 
 
 def build_layout(

@@ -29,6 +29,9 @@ from morphkit_rl.models.blocks import MemberLinear, TransformerLayer, first
 from morphkit_rl.models.layout import FOREIGN, Layout, Slots
 from morphkit_rl.models.vocabulary import Vocabulary
 
+_UNSEEN = -50.0
+"""Bias of attention to limbs that are hidden: a share of 1e-22, which is no subnormal number."""
+
 
 @dataclass(frozen=True, slots=True)
 class LimbFormerSettings(ModelSettings):
@@ -127,9 +130,12 @@ class LimbEncoder(nn.Module):
         """
         x = self._tokens(row, names)
         if all(isinstance(layer, TransformerLayer) and layer.suits_kernel(x) for layer in self.layers):
+            bias = (
+                F.pad(names.relation_bias, (0, 1), value=_UNSEEN) if names.layout.hides_limbs else names.relation_bias
+            )
             for layer in self.layers:
                 assert isinstance(layer, TransformerLayer)
-                x = layer.mix_kin(x, names.layout.kinship, names.relation_bias)
+                x = layer.mix_kin(x, names.layout.kinship, bias)
             return x
         return torch.cat([self._mix(x[:, :, group], bias.to(x.dtype)) for group, bias in names.attention], 2)
 

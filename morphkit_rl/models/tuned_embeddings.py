@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 from torch import Tensor, nn
@@ -29,10 +28,7 @@ class _Tuned(nn.Module):
 
     def tuned(self, layout: Layout) -> Layout:
         """The layout with embeddings as they are now."""
-        embeddings = self.embeddings(layout)
-        slots = layout.observation
-        limbs = (embeddings[slots.text] * slots.mask).sum(1) / slots.mask.sum(1)
-        return replace(layout, embeddings=embeddings, limb_embeddings=limbs)
+        return layout.with_embeddings(self.embeddings(layout))
 
 
 class TunedActor(_Tuned):
