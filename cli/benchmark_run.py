@@ -46,6 +46,12 @@ def run(
         bool,
         typer.Option("--validate", help="Evaluate on robots held out of the training set; leave the test set alone."),
     ] = False,
+    cuts: Annotated[
+        int,
+        typer.Option(
+            min=0, metavar="N", help="Train as well on up to N bodies cut out of each group's training robots."
+        ),
+    ] = 0,
     file: Annotated[Path | None, typer.Option(metavar="FILE", help=FILE_HELP)] = None,
     device: Annotated[str, typer.Option(help="PyTorch device, such as cpu or cuda.")] = "cpu",
     ray: common.RayOption = None,
@@ -82,6 +88,7 @@ def run(
         "overrides": settings or [],
         "episodes": episodes,
         "validate": validate,
+        "cuts": cuts,
     }
     plans = plan_matrix(benchmark, tasks=tasks, splits=splits, methods=method, seeds=seeds, **options)
     if ray is None:

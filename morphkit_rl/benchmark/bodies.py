@@ -12,6 +12,7 @@ from morphkit.description import Description
 from morphkit.errors import ConfigError
 from morphkit.readers import read
 from morphkit.registry import load_all
+from morphkit_rl.benchmark.cut_bodies import cut_bodies
 from morphkit_rl.benchmark.definition import Benchmark
 
 VALIDATION_SHARE = 0.25
@@ -20,14 +21,22 @@ VALIDATION_SHARE = 0.25
 
 @dataclass(frozen=True, slots=True)
 class Bodies:
-    """Robots of a task in a split; no two sets share one."""
+    """Robots of a task in a split; no two sets share one.
+
+    Attributes:
+        train: Training robots.
+        validation: Robots held out of the training set, for choosing anything.
+        test: Held-out robots.
+        cut: Bodies cut out of training robots that train as well; no part of the published protocol.
+    """
 
     train: tuple[Description, ...]
     validation: tuple[Description, ...]
     test: tuple[Description, ...]
+    cut: tuple[Description, ...] = ()
 
 
-def gather_bodies(benchmark: Benchmark, task: str, split: str, *, validate: bool = False) -> Bodies:
+def gather_bodies(benchmark: Benchmark, task: str, split: str, *, validate: bool = False, cuts: int = 0) -> Bodies:
     """Load the robots of a task in a split.
 
     Args:
@@ -36,25 +45,31 @@ def gather_bodies(benchmark: Benchmark, task: str, split: str, *, validate: bool
         split: Name of the split.
         validate: Hold out a quarter of each group's training robots (at least one, never all) for choosing anything.
             They are drawn by split and group alone, so that all tasks, methods and seeds hold out the same.
+        cuts: Bodies cut out of each group's training robots, at most, that train as well; see `cut_bodies`.
 
     Raises:
         UnknownNameError: There is no such task, split or robot.
-        ConfigError: A body is in the training and in the test set, two have one name, or validation has nothing to
-            draw from.
+        ConfigError: A body is in the training and in the test set, two have one name, validation has nothing to draw
+            from, or no other body can be cut out.
     """
     train: list[Description] = []
     validation: list[Description] = []
     test: list[Description] = []
+    cut: list[Description] = []
     for group, sets in benchmark.groups(task, split).items():
         known = _load(sets.train)
         drawn = draw([each.name for each in known], f"{split}/{group}") if validate else frozenset()
-        train += [each for each in known if each.name not in drawn]
-        validation += [each for each in known if each.name in drawn]
-        test += _load(sets.test)
+        kept = [each for each in known if each.name not in drawn]
+        held_out = [each for each in known if each.name in drawn]
+        tested = _load(sets.test)
+        cut += cut_bodies(kept, (*held_out, *tested), cuts)
+        train, validation, test = train + kept, validation + held_out, test + tested
     if validate and not validation:
         raise ConfigError(f"task {task!r}, split {split!r}: too few training robots to hold one out for validation")
-    _check_disjoint((*train, *validation), test, f"task {task!r}, split {split!r}")
-    return Bodies(tuple(train), tuple(validation), tuple(test))
+    if cuts and not cut:
+        raise ConfigError(f"task {task!r}, split {split!r}: no other body can be cut out of the training robots")
+    _check_disjoint((*train, *cut, *validation), test, f"task {task!r}, split {split!r}")
+    return Bodies(tuple(train), tuple(validation), tuple(test), tuple(cut))
 
 
 def draw(names: Sequence[str], key: str) -> frozenset[str]:

@@ -27,6 +27,7 @@ class CellPlan(Part):
     train: dict[str, str]
     validation: dict[str, str]
     test: dict[str, str]
+    cut: dict[str, str] = Field(default_factory=dict)
     config: dict[str, dict[str, Any]]
 
 

@@ -80,7 +80,7 @@ class MatrixPlan:
             "minutes": self.minutes,
             "episodes": self.episodes,
             "validate": self.validate,
-            **{name: _hashes(getattr(self.bodies, name)) for name in ("train", "validation", "test")},
+            **{name: _hashes(getattr(self.bodies, name)) for name in ("train", "validation", "test", "cut")},
             "config": self.config.to_dict(),
         }
 
@@ -115,15 +115,21 @@ def create(plans: Sequence[MatrixPlan], matrix: Path) -> None:
     """Write the `cell.json` of every new cell, so that what was never started is known too.
 
     Raises:
-        ConfigError: A cell exists with other settings, or the matrix holds cells of the other kind, with or without
-            validation; nothing is written then.
+        ConfigError: A cell exists with other settings, or the matrix holds cells of another kind, with or without
+            validation or cut bodies; nothing is written then.
         CheckpointError: A cell is damaged, or the matrix or a cell is or holds a link; nothing is written then.
         OutputError: A folder cannot be written.
     """
     fresh = []
     for path in _cell_files(matrix):
-        if read_plan(path)["validate"] not in {plan.validate for plan in plans}:
+        there = read_plan(path)
+        if there["validate"] not in {plan.validate for plan in plans}:
             raise ConfigError(f"{matrix}: some of its cells {_KINDS[not plans[0].validate]}; choose another --out")
+        if bool(there["cut"]) not in {bool(plan.bodies.cut) for plan in plans}:
+            other = "train on" if there["cut"] else "do without"
+            raise ConfigError(
+                f"{matrix}: some of its cells {other} bodies cut out of training robots; choose another --out"
+            )
     for plan in plans:
         folder = plan.cell.folder(matrix)
         require_plain(folder, CheckpointError, top=matrix)
@@ -200,7 +206,7 @@ def read_plan(path: Path) -> dict[str, Any]:
     Raises:
         CheckpointError: It is missing or damaged.
     """
-    return schema.read(path, cell_schema.CellPlan, lacking="has no")
+    return {"cut": {}, **schema.read(path, cell_schema.CellPlan, lacking="has no")}
 
 
 def _hashes(descriptions: Iterable[Description]) -> dict[str, str]:

@@ -30,6 +30,7 @@ def plan_matrix(
     overrides: Sequence[str] = (),
     episodes: int = EPISODES,
     validate: bool = False,
+    cuts: int = 0,
 ) -> list[MatrixPlan]:
     """Plan every combination of tasks, splits, methods and seeds, the first seed of all of them first.
 
@@ -45,6 +46,7 @@ def plan_matrix(
         overrides: Settings such as `td3.tau=0.01`, for all.
         episodes: Noise-free episodes a robot at the end.
         validate: Hold out validation robots, and leave the held-out robots alone.
+        cuts: Bodies cut out of each group's training robots, at most, that train as well.
 
     Raises:
         UnknownNameError: A task, split, method or preset does not exist.
@@ -61,9 +63,9 @@ def plan_matrix(
     for split in splits:
         configs = {name: method_config(name, split, preset=preset, overrides=overrides) for name in methods}
         for task in tasks:
-            bodies = gather_bodies(benchmark, task, split, validate=validate)
+            bodies = gather_bodies(benchmark, task, split, validate=validate, cuts=cuts)
             for config in configs.values():
-                for body in (*bodies.train, *bodies.validation, *bodies.test):
+                for body in (*bodies.train, *bodies.cut, *bodies.validation, *bodies.test):
                     key = (body.name, body.sha256, repr(config))
                     if key not in checked:
                         find_method(config.model.method).check(prepare_robot(config, body).spec, config.model)

@@ -78,7 +78,7 @@ def _train(plan: MatrixPlan, run: Path, device: str, progress: Callable[[Progres
         bodies = plan.bodies
         watched = bodies.validation if plan.config.trainer.evaluate_steps else ()
         summary = trainer.train(
-            (*bodies.train, *watched),
+            (*bodies.train, *bodies.cut, *watched),
             run,
             plan.config,
             validation=[each.name for each in watched],

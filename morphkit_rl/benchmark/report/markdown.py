@@ -68,6 +68,12 @@ def _standing(matrix: Path, cells: Sequence[Status]) -> str:
         text += "\n**This matrix is not whole.** The numbers are those of the cells that are done.\n"
     if any(each.plan["validate"] for each in cells):
         text += "\nHeld-out robots here are *validation robots* of the training set; the test set was left alone.\n"
+    cuts = {len(each.plan["cut"]) for each in cells} - {0}
+    if cuts:
+        text += (
+            f"\n**Not the published protocol**: {_range(sorted(cuts), 'd')} bodies that were cut out of training robots"
+            " trained as well; none is a held-out robot or the mirror image of one.\n"
+        )
     budgets = sorted({(each.plan["steps"] or 0, each.plan["minutes"] or 0.0) for each in cells})
     said = " or ".join(
         " and ".join([*([f"{s:,} steps"] if s else []), *([f"{m:g} minutes"] if m else [])]) for s, m in budgets

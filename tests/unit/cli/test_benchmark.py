@@ -49,6 +49,21 @@ def test_validation_leaves_the_test_set_alone(tmp_path: Path, capsys: pytest.Cap
     assert roles("t" / cell) == {"hopper_3": "train", "hopper_4": "train", "hopper_5": "test"}
 
 
+def test_bodies_cut_out_of_training_robots_train_but_are_no_result(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = ("--task", "hoppers", "--split", "1", "--seeds", "1", "--out", "c")
+    cell = Path("c/1/hoppers/limb-former/seed-0")
+    assert matrix(*own, "--cuts", "2") == 0
+    assert roles(cell) == {"hopper_3": "train", "hopper_4": "train", "hopper_5": "train"}
+    trained = [robot["name"] for robot in json.loads((cell / "run/config.json").read_text())["robots"]]
+    assert trained[3:] == ["hopper_3-no-foot", "hopper_4-no-foot"]
+    assert matrix(*own) == 2
+    assert "train on bodies cut out of training robots; choose another --out" in capsys.readouterr().err
+    assert run(["benchmark", "report", "c"]) == 0
+    assert "Not the published protocol" in Path("c/report/report.md").read_text()
+
+
 def test_a_failed_cell_stops_no_other_and_is_tried_again_while_a_done_one_is_left(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
