@@ -21,12 +21,12 @@ HEAD = """# Robots of other people
 
 Written by `make corpus` (or joined from several of its runs by `python -m tests.corpus.report`), which runs every URDF,
 xacro and MJCF file of the packages below through `morphkit tokens` and every URDF through `morphkit convert`, steps the
-environment that `morphkit train` makes of every URDF with joints, and cuts every limb of every robot, one at a time and
-with all below it. A file gives tokens or a precise error; anything else is a failure. What `convert` refuses, `morphkit
-check` must refuse as well, with an error; a file that it passes counts as contradiction. An environment is stepped 1000
-times with random actions on the base that the file says, and on a free one where it says fixed; observations and
-rewards that are not finite are a failure, and an episode that ends because the simulation diverged is counted as what
-hinders it. A cut is held to three things:
+environment that `morphkit train` makes of every URDF with joints, and cuts every limb of every robot (with `--cuts N`
+at most N of a robot, evenly spread), one at a time and with all below it. A file gives tokens or a precise error;
+anything else is a failure. What `convert` refuses, `morphkit check` must refuse as well, with an error; a file that it
+passes counts as contradiction. An environment is stepped 1000 times with random actions on the base that the file says,
+and on a free one where it says fixed; observations and rewards that are not finite are a failure, and an episode that
+ends because the simulation diverged is counted as what hinders it. A cut is held to three things:
 
 - The robot is the one that `MjSpec.delete` leaves: all arrays of the two compiled models within 1e-9, and the names of
   their elements. Cameras and lights that `MjSpec.delete` leaves turned toward a removed body are turned away from it
@@ -42,7 +42,7 @@ that leave a file's folder are allowed within its collection, as with `--package
 
 A limb is compared in one of two forms. *with meshes*: all meshes found and converted to what MuJoCo reads. *mesh-free*:
 for robots of which that form does not compile, for limbs whose skin `MjSpec.delete` leaves behind, and for the rest of
-a robot after 2 s with meshes. Both models are changed in the same way until MuJoCo compiles them: every mesh is a small
+a robot after 1 s with meshes. Both models are changed in the same way until MuJoCo compiles them: every mesh is a small
 tetrahedron and a missing height field a small sphere; sizes of 0 become 1 mm, masses are bounded and inertias balanced;
 skins, lengths of muscles and limits on memory are left out; a free joint that hangs on a body becomes a ball joint, and
 a ball joint's range starts at 0; materials and geoms that are named but are in no file of the robot are added; and
@@ -112,7 +112,7 @@ def _row(name: str, found: list[Outcome]) -> tuple[str, ...]:
     compared: Counter[str] = Counter()
     for outcome in found:
         compared.update(outcome.get("compared", {}))
-    cut = sum(max(o.get("limbs", 1) - 1, 0) for o in found if o["result"] == "tokens")
+    cut = sum(_cut(o) for o in found if o["result"] == "tokens")
     missed = sum(_missed(o) for o in found)
     files = len({(o["collection"], o["file"]) for o in found})
     different = sum(len(o.get("different", {})) for o in found)
@@ -131,7 +131,7 @@ def _urdf_row(name: str, found: list[Outcome]) -> tuple[str, ...]:
 
 
 def _was_cut(found: list[Outcome]) -> bool:
-    """Whether a collection was run without `--tokens-only`, as far as it has limbs to cut."""
+    """Whether a collection was cut, as far as it has limbs to cut."""
     return all(outcome.get("forms") for outcome in found if outcome["result"] == "tokens" and outcome["limbs"] > 1)
 
 
@@ -139,7 +139,12 @@ def _missed(outcome: Outcome) -> int:
     """Limbs that were compared in no form."""
     if outcome["result"] != "tokens":
         return 0
-    return max(outcome.get("limbs", 1) - 1, 0) - sum(outcome.get("compared", {}).values())
+    return _cut(outcome) - sum(outcome.get("compared", {}).values())
+
+
+def _cut(outcome: Outcome) -> int:
+    """How many limbs were cut: all but the root, or fewer with `--cuts`."""
+    return int(outcome.get("cut", max(outcome.get("limbs", 1) - 1, 0)))
 
 
 def _errors(outcomes: list[Outcome]) -> list[tuple[str, ...]]:

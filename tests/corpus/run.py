@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from .report import is_wrong, report
+from .survey import Plan
 
 SUFFIXES = (".urdf", ".xml", ".xacro")
 PARTS = ["convert", "step", "cut"]
@@ -40,14 +41,12 @@ def _is_mjcf(source: bytes) -> bool:
     return b"<mujoco" in source and b"<mujocoinclude" not in source
 
 
-def run(
-    paths: list[Path], collection: Path, parts: list[str], seconds: float = SECONDS_A_FILE
-) -> Iterator[dict[str, Any]]:
+def run(paths: list[Path], plan: Plan, seconds: float = SECONDS_A_FILE) -> Iterator[dict[str, Any]]:
     """Outcomes of all files, as they come; one on which the worker dies, or takes more `seconds`, is a failure."""
     left = [str(path) for path in paths]
     while left:
         current, reason = None, ""
-        command = [sys.executable, "-m", "tests.corpus.survey", str(collection), *parts]
+        command = [sys.executable, "-m", "tests.corpus.survey", str(plan.collection), str(plan.cuts), *plan.parts]
         worker = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         assert worker.stdin is not None
         lines: queue.Queue[str | None] = queue.Queue()
@@ -99,6 +98,7 @@ def main() -> int:
     parser.add_argument("--raw", type=Path, help="write all outcomes here, one JSON object a line")
     parser.add_argument("--resume", action="store_true", help="go on after what --raw holds")
     parser.add_argument("--parts", nargs="*", default=PARTS, choices=PARTS, help="what is tried besides tokens")
+    parser.add_argument("--cuts", type=int, default=sys.maxsize, help="how many limbs to cut of a robot, evenly spread")
     parser.add_argument("--seconds", type=float, default=SECONDS_A_FILE, help="how long a file may take")
     arguments = parser.parse_args()
     kept = arguments.raw.read_text() if arguments.resume and arguments.raw.is_file() else ""
@@ -108,7 +108,7 @@ def main() -> int:
         for folder in arguments.folders:
             print(folder, file=sys.stderr)
             left = [path for path in files([folder]) if (folder.name, _short(str(path), folder)) not in done]
-            for found in run(left, folder, arguments.parts, arguments.seconds):
+            for found in run(left, Plan(folder, arguments.parts, arguments.cuts), arguments.seconds):
                 outcomes.append({**found, "collection": folder.name, "file": _short(found["file"], folder)})
                 if raw is not None:
                     print(json.dumps(outcomes[-1]), file=raw, flush=True)
