@@ -63,7 +63,7 @@ def load_spec(
         check_chain(tree.getroot(), file=description.file)
         repairs = normalize(tree, file=description.file).repairs
         strays = tuple(leave_out_strays(tree.getroot(), only)) if only is not None else ()
-        mended = (*(repair.text for repair in repairs), *strays, *mend(tree.getroot()))
+        mended = (*(repair.text for repair in repairs), *strays, *mend(tree.getroot(), file=description.file))
         references = _prepare_urdf(tree.getroot(), description)
     else:
         tree = flattened(document, description.folder, file=description.file, packages=description.packages)
@@ -125,7 +125,7 @@ def _resolve_meshes(
     for mesh in list(spec.meshes):
         if not mesh.file:
             continue
-        reference = references.get(mesh.file) or mesh.file
+        reference = references.get(mesh.file, mesh.file)
         users = geoms.get(mesh.name, [])
         try:
             name, content = _mesh_bytes(reference, description)

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from morphkit.formats.assets import reference_in_urdf
-from morphkit.formats.poses import Pose, identity, urdf_pose
+from morphkit.formats.poses import Pose, identity, numbers, urdf_pose
 from morphkit.simulation.inertia import LEAST_MASS
+from morphkit.simulation.urdf_shapes import shape_fault, shape_of
 from morphkit.validation.balance import LEAST_RAD
 from morphkit.validation.common import read_numbers
 from morphkit.validation.document import CheckedDocument, elements
@@ -21,8 +22,6 @@ from morphkit.validation.urdf_tree import UrdfTree
 
 _ONE, _THREE = range(1, 2), range(3, 4)
 _MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-_SIZES = {"box": {"size": _THREE}, "sphere": {"radius": _ONE}, "cylinder": {"radius": _ONE, "length": _ONE}}
-_SIZES["capsule"] = _SIZES["cylinder"]
 _NOTABLE_SHARE = 0.02
 _MOVING = ("revolute", "continuous", "prismatic", "floating", "planar", "spherical")
 
@@ -138,38 +137,23 @@ def _check_shape(doc: CheckedDocument, name: str, part: Any) -> list[MeshUse]:
     """Check a visual or collision; return its mesh, if it has one that is there."""
     owner = f"a {part.tag} of link {name!r}"
     pose = _pose(doc, part, owner)
-    geometry = next(iter(elements(part, "geometry")), None)
-    shape = next(iter(elements(geometry)), None) if geometry is not None else None
-    if shape is None or shape.tag not in (*_SIZES, "mesh"):
-        what = f"{owner} has no <geometry>" if shape is None else f"{owner} has the unknown shape <{shape.tag}>"
-        doc.add("geometry-missing", part if shape is None else shape, what, name=name)
+    fault, shape = shape_fault(part), shape_of(part)
+    if shape is not None and len(shape.get("scale", "1 1 1").split()) != 3:
+        doc.add("number-invalid", shape, f"{owner} has scale {shape.get('scale')!r}, expected 3 numbers", name=name)
+    elif fault is not None:
+        doc.add(fault.rule, fault.element, f"{owner} {fault.text}", name=name)
+    if fault is not None:
         return []
     for texture in part.iter("texture"):
         _find(doc, texture, owner, name, decorates=True)
-    if shape.tag != "mesh":
-        for attribute, counts in _SIZES[shape.tag].items():
-            numbers = read_numbers(doc, shape, attribute, counts, owner=owner)
-            if shape.get(attribute) is None or (numbers is not None and min(numbers) <= 0):
-                what = f"{owner}: <{shape.tag}> has {attribute} {shape.get(attribute) or 'nowhere'}"
-                empty = part.tag == "visual" and numbers is not None and min(numbers) == 0
-                doc.add("geometry-empty" if empty else "geometry-size", shape, what, name=name)
-        return []
-    return _check_mesh(doc, name, part, shape, owner, pose)
+    return _check_mesh(doc, name, part, shape, owner, pose) if shape.tag == "mesh" else []
 
 
 def _check_mesh(doc: CheckedDocument, name: str, part: Any, shape: Any, owner: str, pose: Pose | None) -> list[MeshUse]:
-    scale = read_numbers(doc, shape, "scale", range(1, 4), owner=owner) or [1.0]
-    if len(scale) < 3 and shape.get("scale") is not None:
-        doc.add("number-invalid", shape, f"{owner} has scale {shape.get('scale')!r}, expected 3 numbers", name=name)
-    if 0.0 in scale:
-        doc.add("mesh-scale-zero", shape, f"{owner} has scale {shape.get('scale')}", name=name)
-    if 0.0 in scale or len(scale) == 2:
-        return []
     path = _find(doc, shape, owner, name, decorates=part.tag == "visual")
     if path is None or pose is None:
         return []
-    factors = np.array(scale if len(scale) == 3 else scale * 3)
-    return [MeshUse(shape, name, owner, path, factors, pose)]
+    return [MeshUse(shape, name, owner, path, np.resize(numbers(shape.get("scale", "1")), 3), pose)]
 
 
 def _pose(doc: CheckedDocument, element: Any, owner: str) -> Pose | None:

@@ -61,6 +61,7 @@ KINDS = (
     "moved",
     "equal limits",
     "tag",
+    "shape gone",
 )
 
 
@@ -89,6 +90,9 @@ def _change(draw: st.DrawFn, root: Any) -> None:
         element.getparent().remove(element)
     elif kind == "moved":
         draw(st.sampled_from(elements)).insert(0, copy.deepcopy(element))
+    elif kind == "shape gone":
+        geometry = draw(st.sampled_from([*root.iter("geometry"), element]))
+        geometry.clear()
     elif kind == "equal limits":
         for limit in root.iter("limit"):
             if draw(st.booleans()):
