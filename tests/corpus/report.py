@@ -41,13 +41,13 @@ Files that hold several robots are run once a root (six at most), and once witho
 that leave a file's folder are allowed within its collection, as with `--package`.
 
 A limb is compared in one of two forms. *with meshes*: all meshes found and converted to what MuJoCo reads. *mesh-free*:
-for robots of which that form does not compile, for limbs whose skin `MjSpec.delete` leaves behind, and for the rest of
-a robot after 1 s with meshes. Both models are changed in the same way until MuJoCo compiles them: every mesh is a small
-tetrahedron and a missing height field a small sphere; sizes of 0 become 1 mm, masses are bounded and inertias balanced;
-skins, lengths of muscles and limits on memory are left out; a free joint that hangs on a body becomes a ball joint, and
-a ball joint's range starts at 0; materials and geoms that are named but are in no file of the robot are added; and
-what MuJoCo's importer cannot parse of a URDF is left out or filled in (a second axis, an inertial without inertia, a
-mesh's scale of four numbers).
+for robots of which that form does not compile or takes over 0.5 s to, for limbs whose skin `MjSpec.delete` leaves
+behind, and for the rest of a robot after 1 s with meshes. Both models are changed in the same way until MuJoCo compiles
+them: every mesh is a small tetrahedron and a missing height field a small sphere; sizes of 0 become 1 mm, masses are
+bounded and inertias balanced; skins, lengths of muscles and limits on memory are left out; a free joint that hangs on a
+body becomes a ball joint, and a ball joint's range starts at 0; materials and geoms that are named but are in no file
+of the robot are added; and what MuJoCo's importer cannot parse of a URDF is left out or filled in (a second axis, an
+inertial without inertia, a mesh's scale of four numbers).
 
 Of a URDF, meshes are compared geom by geom: MuJoCo's importer orders them by their first use. A robot's own materials
 are put before those of its links, as URDF has it; MuJoCo's importer alone would take the first of a name in the file.

@@ -29,7 +29,8 @@ from .environment import steps
 from .source import foreign_lines, unexplained
 
 SECONDS_WITH_MESHES = 1.0
-"""Processor time; meshes take nearly all of it, and limbs after the first few show nothing new of them."""
+"""Processor time; meshes take nearly all of it, and limbs after the first few show nothing new of them. A robot that
+takes half of it to compile in both forms is compared mesh-free alone."""
 _ROOTS = re.compile(r"top-level \w+ elements, expected one: (.*)\. Say which")
 
 
@@ -119,8 +120,12 @@ def _read(description: Description, outcome: Outcome, plan: Plan) -> None:
 
 
 def _cut_each(description: Description, most: int, outcome: Outcome) -> None:
+    start = time.process_time()
     outcome.forms = dict(forms(description))
+    heavy = time.process_time() - start > SECONDS_WITH_MESHES / 2
     usable: list[Form] = [form for form in ("meshes", "mesh-free") if not outcome.forms[form]]  # type: ignore[misc]
+    if heavy and len(usable) == 2:
+        usable = ["mesh-free"]
     slow = len(usable) == 2 and has_meshes(description)
     cutter = Cutter(description)
     before, bodies = _written_out(description), _bodies(description, usable)
