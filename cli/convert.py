@@ -16,7 +16,7 @@ from .terminal import write
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from morphkit.conversion.convert import Conversion
+    from morphkit.conversion.convert import ConversionReport
     from morphkit.conversion.unsupported import Missing
 
 SCHEMA_VERSION = 1
@@ -55,20 +55,18 @@ def convert(
 
     What was added or changed is listed, and what is in the URDF and has no counterpart in MJCF.
     """
-    from morphkit.conversion.convert import convert as convert_description
-    from morphkit.conversion.write import check_target, write_conversion
+    from morphkit.conversion.write import check_target, convert_to
 
     check_target(output, force=force)
     (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg, trust_xacro=trust_xacro)
-    conversion = convert_description(description, base=base, floor=floor)
-    written = write_conversion(conversion, output, force=force)
+    conversion, written = convert_to(output, description, base=base, floor=floor, force=force)
     if as_json:
         common.print_json(_to_json(conversion, written))
     else:
         write(_text(conversion, written))
 
 
-def _to_json(conversion: Conversion, written: Sequence[Path]) -> dict[str, Any]:
+def _to_json(conversion: ConversionReport, written: Sequence[Path]) -> dict[str, Any]:
     return {
         "schema_version": SCHEMA_VERSION,
         "source": {"file": conversion.description.file, "sha256": conversion.description.sha256},
@@ -87,7 +85,7 @@ def _to_json(conversion: Conversion, written: Sequence[Path]) -> dict[str, Any]:
     }
 
 
-def _text(conversion: Conversion, written: Sequence[Path]) -> str:
+def _text(conversion: ConversionReport, written: Sequence[Path]) -> str:
     size = ", ".join(
         common.count(number, what)
         for number, what in (

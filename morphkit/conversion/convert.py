@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import mujoco
@@ -27,13 +27,12 @@ _DIGEST, _LONGEST_STEM = 8, 50
 
 
 @dataclass(frozen=True)
-class Conversion:
-    """An MJCF made of a URDF.
+class ConversionReport:
+    """What a conversion did.
 
     Attributes:
         description: The URDF.
         base: How its root is attached to the world.
-        spec: The model; `spec.assets` holds its meshes by their file name, among other names.
         notes: One sentence for each thing that was added, changed or left out.
         missing: What has no counterpart in MJCF.
         bodies: Number of bodies.
@@ -44,13 +43,27 @@ class Conversion:
 
     description: Description
     base: Base
-    spec: mujoco.MjSpec
     notes: tuple[str, ...]
     missing: tuple[Missing, ...]
     bodies: int
     joints: int
     motors: int
     mass: float
+
+    def report(self) -> ConversionReport:
+        """The same without the model, which cannot be pickled."""
+        return ConversionReport(**{each.name: getattr(self, each.name) for each in fields(ConversionReport)})
+
+
+@dataclass(frozen=True)
+class Conversion(ConversionReport):
+    """An MJCF made of a URDF.
+
+    Attributes:
+        spec: The model; `spec.assets` holds its meshes by their file name, among other names.
+    """
+
+    spec: mujoco.MjSpec
 
 
 def convert(

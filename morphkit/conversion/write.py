@@ -10,8 +10,11 @@ from pathlib import Path
 
 import mujoco
 
-from morphkit.conversion.convert import Conversion
+from morphkit.conversion.convert import Conversion, ConversionReport, convert
+from morphkit.description import Description
 from morphkit.errors import DescriptionError, OutputError
+from morphkit.formats.isolation import compiling, isolated
+from morphkit.morphology import Base
 from morphkit.utils import staging
 from morphkit.utils.plain_files import read_plain
 from morphkit.utils.staging import in_turn, require_text, stage
@@ -23,6 +26,39 @@ _MESH_NAME = re.compile(r"[\w.-]*-[0-9a-f]{8,64}[\w.-]*")  # see `convert._name_
 def asset_folder(path: Path) -> Path:
     """Where the meshes of the MJCF `path` go."""
     return path.with_name(f"{path.stem}_assets")
+
+
+def convert_to(
+    path: Path, description: Description, *, base: Base | None = None, floor: bool | None = None, force: bool = False
+) -> tuple[ConversionReport, list[Path]]:
+    """Convert a URDF and write it; in a process of its own, with limits on memory and time, where that may cost much.
+
+    Args:
+        path: The MJCF.
+        description: The URDF.
+        base: As `convert`.
+        floor: As `convert`.
+        force: As `write_conversion`.
+
+    Returns:
+        What was done, and the files written, the MJCF first.
+
+    Raises:
+        DescriptionError: As `convert`, or the limits did not suffice.
+        AssetError: As `convert`.
+        ConfigError: As `convert`.
+        OutputError: As `write_conversion`.
+    """
+    check_target(path, force=force)
+    options = {"path": path, "base": base, "floor": floor, "force": force}
+    return isolated(_convert_to, description, compiling(description), **options)
+
+
+def _convert_to(
+    description: Description, *, path: Path, base: Base | None, floor: bool | None, force: bool
+) -> tuple[ConversionReport, list[Path]]:
+    conversion = convert(description, base=base, floor=floor)
+    return conversion.report(), write_conversion(conversion, path, force=force)
 
 
 def write_conversion(conversion: Conversion, path: Path, *, force: bool = False) -> list[Path]:

@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import mujoco
 import pytest
 
 from morphkit.conversion.convert import convert
-from morphkit.conversion.write import write_conversion
+from morphkit.conversion.write import convert_to, write_conversion
+from morphkit.errors import DescriptionError, OutputError
+from morphkit.registry import load
+from tests.support.heavy_robots import doubling_dae, urdf_with_mesh
 from tests.support.small_robots import arm
 
 
@@ -45,3 +49,18 @@ def test_a_list_of_placed_files_that_makes_no_sense_is_passed_over(tmp_path: Pat
         (stage / "placed").write_bytes(text.encode("latin-1"))
         write_conversion(convert(arm()), tmp_path / "robot.xml", force=True)
         assert not stage.exists()
+
+
+def test_robots_with_costly_meshes_are_converted_within_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "r.urdf").write_text(urdf_with_mesh("m.dae"))
+    (tmp_path / "m.dae").write_text(doubling_dae(2))
+    robot = load(tmp_path / "r.urdf")
+    report, (model, *meshes) = convert_to(tmp_path / "r.xml", robot, base="free")
+    assert (report.bodies, report.joints, report.base) == (2, 2, "free")
+    assert mujoco.MjModel.from_xml_path(str(model)).nmesh == len(meshes) == 1
+    with pytest.raises(OutputError, match="exists"):
+        convert_to(tmp_path / "r.xml", robot)
+    monkeypatch.setenv("MORPHKIT_LIMITS", "0.001")
+    with pytest.raises(DescriptionError, match=r"r\.urdf: cannot be used: .* MORPHKIT_LIMITS=10"):
+        convert_to(tmp_path / "other.xml", robot)
+    assert not (tmp_path / "other.xml").exists()
