@@ -21,9 +21,12 @@ def unglue(context: Context, place: int) -> Meaning | None:
 
 
 def glued_side(context: Context, place: int) -> Meaning | None:
-    """Side and rest of a word such as `leftfinger` or `finright`; None where it is none."""
+    """Side and rest of a word such as `leftfinger`, `finright` or `hingeleftdoor`; None where it is none."""
     word = context.words[place]
     for side, other in (("left", "right"), ("right", "left")):
+        front, _, back = word.partition(side)
+        if front and back and context.have(place, [front + other + back]):
+            return Meaning("", side, f"{front} {back}")
         for rest in (word.removeprefix(side), word.removesuffix(side)):
             text = vocabulary.segment(rest)
             if len(rest) > 2 and rest != word and (text or context.have(place, [word.replace(side, other)])):

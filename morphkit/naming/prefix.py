@@ -57,6 +57,8 @@ class Prefixes:
                 break
             if is_known(column[0]) or any(self._is_code(words, place) for words in split_names):
                 break
+            if all(rest[0].isdigit() for rest in rests) and len({rest[0] for rest in rests}) > 1:
+                break  # the word is numbered: it says which of several limbs this is
             shared.append(column[0])
         return shared
 

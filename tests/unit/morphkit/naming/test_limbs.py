@@ -137,6 +137,11 @@ def test_a_code_without_a_counterpart_and_without_a_paired_part_says_no_side(raw
         {"b2_FL_hip": "front left hip", "b2_RR_hip": "back right hip"},
         {"j2s6_link_1": "link 1", "j2s6_link_2": "link 2", "left_leg": "left leg"},
         {"f1_tip": "f 1 tip", "f2_tip": "f 2 tip", "left_leg": "left leg"},
+        {"T1_L_coxa": "left t 1 hip", "T1_R_coxa": "right t 1 hip", "T2_L_coxa": "left t 2 hip", "T2_R_coxa":
+         "right t 2 hip"},
+        {"seg1_body": "seg 1", "seg2_body": "seg 2"},
+        {"hingeleftdoor": "left hinge door", "hingerightdoor": "right hinge door"},
+        {"hingeleftdoor": "hingeleftdoor", "slidedoor": "slidedoor"},
         {"R_wrist": "right wrist", "R_th_l0": "right thumb l 0", "R_th_l1": "right thumb l 1",
          "R_ff_l1": "right index finger l 1"},
     ],
