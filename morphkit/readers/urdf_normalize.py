@@ -23,6 +23,7 @@ from morphkit.utils.suggest import did_you_mean
 MOMENTS = ("ixx", "iyy", "izz")
 PRODUCTS = ("ixy", "ixz", "iyz")
 _WITHOUT_AXIS = ("fixed", "floating", "spherical")
+_LIMITED = ("revolute", "prismatic", "planar")
 _FAR = "1e9"  # rad or m
 _ONCE = {
     "link": ("inertial",),
@@ -72,6 +73,7 @@ def normalize(tree: etree._ElementTree, *, file: str) -> Normalized:
         DescriptionError: As `name_elements` and `check_urdf`.
     """
     root = tree.getroot()
+    etree.strip_tags(tree, etree.ProcessingInstruction)  # which MuJoCo's parser refuses
     given = name_elements(root, file=file)
     repairs = [*_renamed_world(given), *drop_repeated(root)]
     roots = check_urdf(tree, file=file)
@@ -182,6 +184,22 @@ def _settle_limit(joint: Any, limit: Any) -> Iterator[Repair]:
     if sides:
         text = f"{' and '.join(sides)} of {_of(joint)} {'are' if len(sides) > 1 else 'is'} infinite: no bound"
         yield Repair("number-infinite", limit, joint.get("name") or "", text)
+    if joint.get("type") in _LIMITED:
+        yield from _settle_bounds(joint, limit)
+
+
+def _settle_bounds(joint: Any, limit: Any) -> Iterator[Repair]:
+    """A bound that is not stated beside the other is 0, as URDF has it; bounds in the wrong order are none."""
+    name, stated = joint.get("name") or "", [key for key in ("lower", "upper") if limit.get(key) is not None]
+    if len(stated) == 1:
+        other = "upper" if stated == ["lower"] else "lower"
+        limit.set(other, "0")
+        yield Repair("limit-partial", limit, name, f"{_of(joint)} states no {other}, which counts as 0")
+    low, high = (_number(limit.get(key)) for key in ("lower", "upper"))
+    if low is not None and high is not None and low > high:
+        for key in ("lower", "upper"):
+            del limit.attrib[key]
+        yield Repair("limit-inverted", limit, name, f"{_of(joint)} has lower {low:g} above upper {high:g}: no bound")
 
 
 def misspelled(root: Any) -> Iterator[Repair]:
@@ -209,14 +227,15 @@ def _of(owner: Any) -> str:
 
 
 def _is_infinite(text: str | None) -> bool:
-    try:
-        return text is not None and math.isinf(float(text))
-    except ValueError:
-        return False
+    return math.isinf(_number(text) or 0.0)
 
 
 def _is_zero(text: str) -> bool:
+    return _number(text) == 0
+
+
+def _number(text: str | None) -> float | None:
     try:
-        return float(text) == 0
+        return None if text is None else float(text)
     except ValueError:
-        return False
+        return None

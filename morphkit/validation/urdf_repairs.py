@@ -14,7 +14,7 @@ def check_repairs(doc: CheckedDocument) -> None:
     for repair in drop_repeated(doc.root):
         doc.add(repair.rule, repair.element, repair.text, name=repair.name)
     for repair in settle_parts(copy.deepcopy(doc.root)):
-        if repair.rule != "number-infinite":  # all numbers are looked at elsewhere
+        if repair.rule not in ("number-infinite", "limit-inverted"):  # all numbers are looked at elsewhere
             doc.add(repair.rule, repair.element, repair.text, name=repair.name)
     for joint in elements(doc.root, "joint"):
         for child in elements(joint, "child"):

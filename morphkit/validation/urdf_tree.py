@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from morphkit.formats.urdf_names import joint_calls
+from morphkit.formats.urdf_names import WORLD, joint_calls
 from morphkit.naming.unique import give_names
 from morphkit.readers.urdf_structure import JOINT_TYPES, XACRO_DEFINITIONS, is_xacro_element, join_links, xacro_name
 from morphkit.utils.suggest import did_you_mean
@@ -71,9 +71,12 @@ def read_tree(doc: CheckedDocument) -> UrdfTree:
     report = _TreeFindings(doc, links)
     tree = UrdfTree(links, joints, join_links(links, joints, report))
     roots = [link for link in links if link not in report.children and link not in tree.children()]
+    on_world = [child for parent, child in tree.ends.values() if parent == WORLD and WORLD in roots]
+    roots = [top for root in roots for top in (on_world if root == WORLD and on_world else [root])]
     if len(roots) > 1 and report.complete:  # a broken joint is reported already, and is why its child has no parent
         listed = ", ".join(roots[:_FEW]) + (", ..." if len(roots) > _FEW else "")
-        doc.add("roots-several", links[roots[1]], f"{len(roots)} links have no parent: {listed}", name=roots[1])
+        what = "hang on the world or on nothing" if on_world else "have no parent"
+        doc.add("roots-several", links[roots[1]], f"{len(roots)} links {what}: {listed}", name=roots[1])
     return tree
 
 

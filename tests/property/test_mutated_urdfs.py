@@ -44,6 +44,10 @@ def test_what_check_passes_is_read_converted_simulated_and_drawn(source: bytes) 
     assert own <= {model.joint(number).name for number in range(model.njnt)}
     assert model.body_subtreemass[0] == pytest.approx(simulation.model.body_subtreemass[0])
     assert np.isfinite(model.body_pos).all()
+    for joint in morphology.joints:
+        number = model.joint(joint.name).id
+        assert bool(model.jnt_limited[number]) == joint.limited
+        assert not joint.limited or model.jnt_range[number] == pytest.approx([joint.low, joint.high])
 
 
 def test_the_robot_that_is_changed_is_sound() -> None:

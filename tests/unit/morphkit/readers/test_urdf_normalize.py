@@ -251,6 +251,43 @@ def test_infinite_masses_and_places_are_refused_by_all(tmp_path: Path) -> None:
         assert lines_of(check_text(tmp_path, "r.urdf", text, deep=False), "number-invalid")
 
 
+@pytest.mark.parametrize(
+    ("bounds", "limits", "rule"),
+    [
+        ('lower="-1"', (-1.0, 0.0), "limit-partial"),
+        ('upper="1"', (0.0, 1.0), "limit-partial"),
+        ('lower="1" upper="-1"', None, "limit-inverted"),
+        ('upper="-1"', None, "limit-inverted"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_bounds_that_are_half_or_inverted_mean_the_same_to_all(
+    bounds: str, limits: tuple[float, float] | None, rule: str, kind: str, tmp_path: Path
+) -> None:
+    text = two(moving=AXIS + f'<limit {bounds} effort="1" velocity="1"/>').replace("revolute", kind)
+    (found,) = read(described(text)).joints
+    assert (found.low, found.high) == (limits or (0.0, 0.0))
+    conversion = by_all(text)
+    assert any("joint 'j'" in note for note in conversion.notes)
+    for model in (conversion.spec.compile(), build_simulation(described(text)).model):
+        assert bool(model.jnt_limited[0]) == found.limited == (limits is not None)
+        assert limits is None or np.allclose(model.jnt_range[0], limits)
+    assert lines_of(check_text(tmp_path, "r.urdf", text, deep=False), rule)
+
+
+def test_processing_instructions_say_nothing() -> None:
+    text = two().replace("<link", "<?editor fold?><link").replace("<robot", "<?xml-model href='urdf.xsd'?><robot")
+    assert by_all(text).bodies == 2
+
+
+def test_a_world_that_carries_several_robots_has_several_roots(tmp_path: Path) -> None:
+    arms = "".join(link(name, INERTIAL) + joint(f"j_{name}", "world", name, "", kind="fixed") for name in ("a", "b"))
+    text = robot('<link name="world"/>' + arms)
+    with pytest.raises(DescriptionError, match="2 top-level link elements, expected one: a, b"):
+        read(described(text))
+    assert lines_of(check_text(tmp_path, "r.urdf", text, deep=False), "roots-several")
+
+
 def test_check_says_what_only_the_conversion_finds(tmp_path: Path) -> None:
     """A mesh that check's own look takes for sound, and MuJoCo refuses."""
     (tmp_path / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")

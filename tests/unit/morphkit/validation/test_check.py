@@ -52,6 +52,7 @@ URDFS = {
     "limit-missing": (urdf(hip=""), 4),
     "limit-inverted": (urdf(hip=LIMIT.replace("-1", "3")), 4),
     "limit-empty": (urdf(hip='<limit effort="5" velocity="2"/>'), 4),
+    "limit-partial": (urdf(hip=LIMIT.replace('lower="-1"', "")), 4),
     "limit-ignored": (urdf(kind="spherical"), 4),
     "limit-degrees": (urdf(hip=LIMIT.replace('"1"', '"90"')), 4),
     "effort-missing": (urdf(hip='<limit lower="-1" upper="1" velocity="2"/>'), 4),
