@@ -19,8 +19,8 @@ from morphkit.utils.plain_files import require_plain
 from morphkit_rl.benchmark import cell_schema
 from morphkit_rl.benchmark.bodies import Bodies
 from morphkit_rl.config.train_config import TrainConfig
-from morphkit_rl.runs import schema
-from morphkit_rl.runs.lock import locked, owner
+from morphkit_rl.runs import run_folder, schema
+from morphkit_rl.runs.lock import OWNER, locked, owner
 from morphkit_rl.runs.metrics_log import read_metrics
 
 FORMAT_VERSION = 1
@@ -147,6 +147,11 @@ def create(plans: Sequence[MatrixPlan], matrix: Path) -> None:
                 write_text(folder / CELL, json.dumps(values, indent=1) + "\n", durable=True)
     except OSError as error:
         raise OutputError(f"{error.filename or matrix}: cannot be written: {error.strerror}") from None
+
+
+def clear_temporaries(folder: Path) -> None:
+    """Remove the temporary files that a killed process left in the folder of a cell, which has to be held."""
+    run_folder.clear_temporaries(folder, (CELL, TRAINING, RESULT, FAILURE, OWNER))
 
 
 def read_matrix(matrix: Path) -> list[Status]:

@@ -21,7 +21,7 @@ from morphkit_rl.runs import schema
 from morphkit_rl.runs.lock import hold
 from morphkit_rl.runs.metrics_log import read_metrics
 from morphkit_rl.training import trainer
-from morphkit_rl.training.trainer import Progress
+from morphkit_rl.training.progress import Progress, hundredth
 
 EVALUATION_SEED = 10_000
 """A cell's final evaluation starts from this seed plus its own, so that methods meet the same start states."""
@@ -56,6 +56,8 @@ def run_matrix(
     for number, plan in enumerate(plans):
         folder = plan.cell.folder(matrix)
         with hold(folder) as ours:
+            if ours:
+                cells.clear_temporaries(folder)
             if ours and not (folder / cells.RESULT).is_file():
                 (folder / cells.FAILURE).unlink(missing_ok=True)
                 try:
@@ -113,18 +115,26 @@ def _evaluate(plan: MatrixPlan, folder: Path) -> None:
         **schema.read(folder / cells.TRAINING, cell_schema.CellTraining),
         "real_steps": last.get("real_steps", last.get("steps")),
         "diverged": last.get("diverged"),
-        "training_return": final_training_return(metrics),
+        "training_return": final_training_return(metrics, plan.steps),
         "robots": rows,
     }
     write_text(folder / cells.RESULT, json.dumps(values, indent=1) + "\n", durable=True)
 
 
-def final_training_return(metrics: Sequence[dict[str, Any]]) -> float | None:
-    """Mean return of training episodes, with exploration noise, over the last 5 % of the steps; None before any."""
+def final_training_return(metrics: Sequence[dict[str, Any]], budget: int | None = None) -> float | None:
+    """Mean return of training episodes, with exploration noise, over the last 5 % of the steps; None before any.
+
+    Args:
+        metrics: All rows.
+        budget: Steps that the run was to do. With it, the first row of each hundredth of it counts, and the mean does
+            not depend on how fast the run went.
+    """
     if not metrics:
         return None
     begin = (1 - FINAL_SHARE) * metrics[-1]["steps"]
-    values = [row["return_mean"] for row in metrics if row["steps"] >= begin and row.get("return_mean") is not None]
+    firsts = {hundredth(row["steps"], budget): row for row in reversed(metrics)}
+    rows = metrics if budget is None else firsts.values()
+    values = [row["return_mean"] for row in rows if row["steps"] >= begin and row.get("return_mean") is not None]
     return float(np.mean(values)) if values else None
 
 

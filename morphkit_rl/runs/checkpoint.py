@@ -46,8 +46,7 @@ def writing(run: Path, keep: int = 1) -> Iterator[None]:
         yield
     except BaseException as error:
         with suppress(OSError, CheckpointError):
-            run_folder.clear_checkpoints(run, keep=_kept(run, keep))
-            run_folder.clear_segments(run, keep={segment["file"] for segment in segments(run)})
+            clear_older(run, keep)
         if not isinstance(error, OSError) or isinstance(error, MorphkitError):
             raise
         left = "the last one is whole" if has_checkpoint(run) else "there is none yet"
@@ -101,6 +100,17 @@ def save(
     write_text(folder / LATEST, name + "\n", durable=True)
     run_folder.clear_checkpoints(run, keep=_kept(run, keep))
     run_folder.clear_segments(run, keep={segment["file"] for segment in state["segments"]})
+
+
+def clear_older(run: Path, keep: int = 1) -> None:
+    """Remove what the latest checkpoint does not need, and what processes left that failed or were killed.
+
+    Args:
+        run: The run folder.
+        keep: As in `save`.
+    """
+    run_folder.clear_checkpoints(run, keep=_kept(run, keep))
+    run_folder.clear_segments(run, keep={segment["file"] for segment in segments(run)})
 
 
 def has_checkpoint(run: Path) -> bool:

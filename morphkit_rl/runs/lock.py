@@ -17,7 +17,7 @@ from morphkit.errors import CheckpointError, OutputError
 from morphkit.utils.atomic_write import write_text
 from morphkit.utils.plain_files import read_plain, require_plain
 
-_LOCK, _OWNER = ".lock", "owner.json"
+_LOCK, OWNER = ".lock", "owner.json"
 _WAIT_S = 30.0
 _PATIENCE_S = 1.0  # another process may hold the lock for a moment, just to see whether it is free
 
@@ -57,10 +57,10 @@ def hold(folder: Path) -> Iterator[bool]:
         return
     try:
         note = asdict(Owner(os.getpid(), socket.gethostname(), time.time()))
-        write_text(folder / _OWNER, json.dumps(note) + "\n")
+        write_text(folder / OWNER, json.dumps(note) + "\n")
         yield True
     finally:
-        (folder / _OWNER).unlink(missing_ok=True)
+        (folder / OWNER).unlink(missing_ok=True)
         lock.release()
 
 
@@ -109,7 +109,7 @@ def _lock_of(folder: Path) -> BaseFileLock:
     """The lock of a folder that holds no links; some versions of filelock empty the file that they lock."""
     require_plain(folder, CheckpointError)
     path = folder / _LOCK
-    for own in (path, folder / _OWNER):
+    for own in (path, folder / OWNER):
         if own.exists() and not own.is_file():
             raise CheckpointError(f"{own}: is no file, and so no lock of morphkit; remove it")
     if path.is_file() and path.stat().st_size and path.stat().st_nlink > 1:
@@ -124,7 +124,7 @@ def owner(folder: Path) -> tuple[Owner | None, bool]:
         The owner, or None; and False where it died without a word.
     """
     try:
-        found = Owner(**json.loads(read_plain(folder / _OWNER)))
+        found = Owner(**json.loads(read_plain(folder / OWNER)))
     except (OSError, ValueError, TypeError, RecursionError):
         return None, False
     lock = _lock_of(folder)

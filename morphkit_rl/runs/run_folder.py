@@ -15,6 +15,7 @@ from morphkit.errors import CheckpointError, OutputError
 from morphkit.utils.atomic_write import temporary_names
 from morphkit.utils.plain_files import require_plain
 from morphkit.utils.staging import require_text
+from morphkit_rl.runs.lock import OWNER
 
 CONFIG, METRICS, CHECKPOINTS, REPLAY, ROBOTS = "config.json", "metrics.jsonl", "checkpoints", "replay", "robots"
 LATEST, BEST = "latest", "best"
@@ -114,10 +115,10 @@ def clear_segments(run: Path, keep: Collection[str]) -> None:
             old.unlink(missing_ok=True)
 
 
-def clear_temporaries(run: Path) -> None:
-    """Remove the temporary files that a killed process left in the run folder itself."""
-    for old in run.iterdir():
-        made = any(temporary_names(run / name).fullmatch(old.name) for name in (CONFIG, METRICS, TRACKED, "owner.json"))
+def clear_temporaries(folder: Path, names: Collection[str] = (CONFIG, METRICS, TRACKED, OWNER)) -> None:
+    """Remove the temporary files that a killed process left of the files `names` in a folder itself."""
+    for old in folder.iterdir():
+        made = any(temporary_names(folder / name).fullmatch(old.name) for name in names)
         if made and not old.is_dir():
             old.unlink(missing_ok=True)
 

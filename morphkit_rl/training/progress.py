@@ -66,6 +66,14 @@ class TrainSummary:
     advanced: bool = True
 
 
+def hundredth(steps: int, budget: int | None) -> int:
+    """Which hundredth of a budget of steps such a number of steps is in; 0 where there is no budget.
+
+    A row of metrics is written where one begins, so that these rows are the same however fast a run goes.
+    """
+    return 0 if budget is None else 100 * steps // budget
+
+
 class Mark(NamedTuple):
     """A moment of a run, to measure rates from."""
 

@@ -78,8 +78,7 @@ class Session:
         Raises:
             OutputError: The disk is full or the folder cannot be written; the previous checkpoint stays.
         """
-        buffers, keep = self.collector.buffers, self.settings.config.trainer.keep
-        number = keep if isinstance(keep, int) else 1
+        buffers, number = self.collector.buffers, self._number_kept
         with checkpoint.writing(run, number):
             state = {
                 "elapsed_s": elapsed_s,
@@ -121,6 +120,15 @@ class Session:
             if isinstance(error, MorphkitError) and not isinstance(error, ConfigError):
                 raise
             raise CheckpointError(f"{folder}: does not fit the run: {error}") from None
+
+    def clear_older(self, run: Path) -> None:
+        """Remove checkpoints and replay beside those of `run` that are kept; a process leaves some that is killed."""
+        checkpoint.clear_older(run, self._number_kept)
+
+    @property
+    def _number_kept(self) -> int:
+        keep = self.settings.config.trainer.keep
+        return keep if isinstance(keep, int) else 1
 
     def close(self) -> None:
         """Stop the threads of the environments."""

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from morphkit.description import Description
@@ -24,7 +23,8 @@ from morphkit_rl.runs.metrics_log import MetricsLog
 from morphkit_rl.runs.saved_task import chosen_task, run_terms
 from morphkit_rl.runs.trusted_encoder import with_encoder
 from morphkit_rl.training.mended import said_once
-from morphkit_rl.training.progress import Clock, Mark, Progress, TrainSummary
+from morphkit_rl.training.metrics_row import metrics_row
+from morphkit_rl.training.progress import Clock, Mark, Progress, TrainSummary, hundredth
 from morphkit_rl.training.session import Session, check_sizes
 
 DEFAULT_MINUTES = 10.0
@@ -141,6 +141,7 @@ def resume(
             trainer = Trainer(replace(settings, config=trusted))
         if checkpoint.has_checkpoint(run):
             trainer.clock.elapsed_s = trainer.session.restore(run)
+            trainer.session.clear_older(run)
         return trainer.run(run, progress)
 
 
@@ -181,7 +182,7 @@ class Trainer:
     def _run(self, run: Path, log: MetricsLog, progress: Callable[[Progress], None] | None) -> None:
         session, clock, config = self.session, self.clock, self.settings.config.trainer
         reported = logged = saved = clock.elapsed_s
-        mark = self._mark()
+        mark, hundredth = self._mark(), self._hundredth()
         clock.start()
         with Interrupts() as interrupts:
             while not interrupts.wanted:
@@ -202,16 +203,18 @@ class Trainer:
                 if progress and elapsed_s - reported >= REPORT_SECONDS:
                     reported = elapsed_s
                     progress(self._progress(mark))
-                if elapsed_s - logged >= config.log_seconds and not session.monitor.due(session.collector.steps):
+                wanted = elapsed_s - logged >= config.log_seconds or self._hundredth() > hundredth
+                if wanted and not session.monitor.due(session.collector.steps):
                     logged = elapsed_s
                     log.write(self._metrics(mark))
-                    mark = self._mark()
+                    mark, hundredth = self._mark(), self._hundredth()
                 if elapsed_s - saved >= config.checkpoint_seconds:
                     saved = elapsed_s
                     self._save(run)
             clock.stop()
+            self._check()
+            log.write(self._metrics(mark))  # first: a run whose checkpoint says that it is over is not gone on with
             self._save(run)
-        log.write(self._metrics(mark))
         log.finish(session.collector.returns(), session.collector.steps)
 
     def _evaluate(self, interrupts: Interrupts) -> dict[str, dict[str, Any]] | None:
@@ -248,6 +251,10 @@ class Trainer:
             shares.append(self.clock.elapsed_s / max(60 * self.settings.minutes, 1e-9))
         return min(max(shares), 1.0)
 
+    def _hundredth(self) -> int:
+        """Which hundredth of the budget of steps the run is in."""
+        return hundredth(self.session.collector.steps, self.settings.steps)
+
     def _mark(self) -> Mark:
         return Mark(self.clock.elapsed_s, self.session.collector.steps, self.session.agent.learner.updates)
 
@@ -269,32 +276,4 @@ class Trainer:
 
     def _metrics(self, mark: Mark) -> dict[str, Any]:
         """One row of metrics."""
-        now, collector = self._progress(mark), self.session.collector
-        return {
-            "steps": now.steps,
-            "real_steps": collector.real_steps,
-            "updates": now.updates,
-            "elapsed_s": round(now.elapsed_s, 3),
-            "steps_per_s": round(now.steps_per_s, 1),
-            "updates_per_s": round(now.updates_per_s, 2),
-            "episodes": collector.episodes,
-            "diverged": int(collector.env.diverged.sum()),
-            "return_mean": self._mean(now.returns),
-            "returns": now.returns,
-            **self._first(now),
-            **{name: float(value) for name, value in self._losses.items()},
-        }
-
-    def _first(self, now: Progress) -> dict[str, Any]:
-        """What a row says of first episodes, until every robot has ended another."""
-        if not now.first_returns:
-            return {}
-        return {
-            "first_return_mean": self._mean({**now.returns, **now.first_returns}),
-            "first_returns": now.first_returns,
-        }
-
-    def _mean(self, returns: Mapping[str, float]) -> float | None:
-        """Mean over all robots; None where one is missing."""
-        whole = len(returns) == len(self.session.collector.robots)
-        return float(np.mean(list(returns.values()))) if whole else None
+        return metrics_row(self._progress(mark), self.session.collector, self._losses)
