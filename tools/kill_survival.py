@@ -6,6 +6,8 @@ Each round starts a program, sends SIGKILL to its process group after a random p
 command once more, now to its end, and compares what it wrote with that of a run that nobody disturbed. `train` and
 `benchmark run` are killed, resumed and killed again until they end; their weights have to be the same bit by bit. A
 round counts as lost where the end differs, as half-written where temporary files are left.
+
+Programs are forked from this process, which has imported what they need: kills come while they work.
 """
 
 from __future__ import annotations
@@ -13,18 +15,26 @@ from __future__ import annotations
 import argparse
 import contextlib
 import hashlib
+import importlib
 import json
 import os
 import random
 import signal
-import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
 from pathlib import Path
 
-PROGRAM = (sys.executable, "-m", "morphkit_cli.main")
+os.environ["OMP_NUM_THREADS"] = "1"  # before PyTorch is imported
+
+from morphkit_cli.main import run
+
+IMPORTED = (
+    *("conversion.write", "families.build", "families.write"),
+    *("rl.benchmark.planning", "rl.benchmark.runner", "rl.export.write", "rl.training.trainer", "rl.text.encoder"),
+)
+"""Modules that the programs need; `rl.` stands for `morphkit_rl.`, others are of `morphkit`."""
 SMALL_RUN = (
     *("--steps", "600", "--quiet", "--set", "trainer.checkpoint_seconds=0.2"),
     *("--set", "trainer.start_steps=200", "--set", "td3.batch_size=32"),
@@ -56,8 +66,8 @@ class Subject:
         self.name, self.arguments, self.again, self.compared, self.kills = name, arguments, again, compared, kills
 
     def command(self, folder: Path, *, again: bool = False) -> list[str]:
-        """The words of a process that writes into `folder`."""
-        return [*PROGRAM, *(word.replace("{}", str(folder)) for word in (self.again if again else self.arguments))]
+        """The words after `morphkit` of a process that writes into `folder`."""
+        return [word.replace("{}", str(folder)) for word in (self.again if again else self.arguments)]
 
     def begun(self, folder: Path) -> bool:
         """Whether there is something to go on with; a run that has no settings yet is started anew."""
@@ -103,11 +113,48 @@ def leftovers(folder: Path) -> list[str]:
     return [str(path.relative_to(folder)) for path in folder.rglob(".*") if path.name not in (".lock",)]
 
 
-def start(command: list[str], folder: Path) -> subprocess.Popen[bytes]:
-    """Start a process group that prints into a file."""
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    with (folder.parent / "output.txt").open("wb") as output:
-        return subprocess.Popen(command, stdout=output, stderr=output, env=environment, start_new_session=True)
+class Program:
+    """A command in a process and a process group of its own, that prints into a file.
+
+    Args:
+        command: The words after `morphkit`.
+        output: What it prints goes here.
+    """
+
+    def __init__(self, command: list[str], output: Path) -> None:
+        self.code: int | None = None
+        sys.stdout.flush()
+        self.pid = os.fork()
+        if self.pid == 0:
+            code = 70
+            try:
+                os.setsid()
+                descriptor = os.open(output, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
+                os.dup2(descriptor, 1)
+                os.dup2(descriptor, 2)
+                code = run(command)
+            finally:
+                sys.stdout.flush()
+                os._exit(code)
+
+    def ended(self) -> bool:
+        """Whether it has."""
+        if self.code is None:
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            self.code = os.waitstatus_to_exitcode(status) if pid else None
+        return self.code is not None
+
+    def wait(self) -> int:
+        """Its exit code."""
+        while not self.ended():
+            time.sleep(0.01)
+        assert self.code is not None
+        return self.code
+
+
+def start(command: list[str], folder: Path) -> Program:
+    """Start a command that writes into `folder`."""
+    return Program(command, folder.parent / "output.txt")
 
 
 def used_s(group: int) -> float:
@@ -120,9 +167,9 @@ def used_s(group: int) -> float:
     return ticks / os.sysconf("SC_CLK_TCK")
 
 
-def killed(process: subprocess.Popen[bytes], after_s: float) -> bool:
+def killed(process: Program, after_s: float) -> bool:
     """Kill a process group after so much processor time; False where it had ended by then."""
-    while process.poll() is None:
+    while not process.ended():
         if used_s(process.pid) >= after_s:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
@@ -162,10 +209,10 @@ def undisturbed(subject: Subject) -> tuple[dict[str, str], float]:
         folder = Path(top) / "out"
         folder.mkdir()
         process, duration_s = start(subject.command(folder), folder), 0.0
-        while process.poll() is None:
+        while not process.ended():
             duration_s = max(duration_s, used_s(process.pid))
             time.sleep(0.01)
-        if process.returncode:
+        if process.code:
             sys.exit(f"{subject.name}: {(Path(top) / 'output.txt').read_text(errors='replace')}")
         return subject.digest(folder), duration_s
 
@@ -178,6 +225,8 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=60.0, help="stop after this time, whatever was reached")
     parser.add_argument("--only", action="append", help="name of a program; default: all in turn")
     arguments = parser.parse_args()
+    for name in IMPORTED:
+        importlib.import_module(f"morphkit_{name}" if name.startswith("rl.") else f"morphkit.{name}")
     with tempfile.TemporaryDirectory() as top:
         return fight(arguments, subjects(Path(top) / "benchmark.toml"))
 
