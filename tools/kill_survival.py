@@ -85,7 +85,7 @@ def content(path: Path) -> bytes:
     """The bytes of a file; of a cell's result without what the clock said, of TorchScript without the call stack."""
     if path.suffix == ".pt":
         with zipfile.ZipFile(path) as archive:
-            names = [name for name in archive.namelist() if not name.endswith(".debug_pkl")]
+            names = [name for name in archive.namelist() if not name.endswith((".debug_pkl", "serialization_id"))]
             return b"".join(name.encode() + archive.read(name) for name in names)
     if path.name != "result.json":
         return path.read_bytes()
