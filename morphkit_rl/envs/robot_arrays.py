@@ -124,10 +124,15 @@ class RobotArrays:
         return rotate(conjugate(self.orientation), _GRAVITY)
 
     @cached_property
+    def heading(self) -> np.ndarray:
+        """How far left the robot has turned since the start pose, -pi to pi rad, (n,)."""
+        return yaw(self.orientation)
+
+    @cached_property
     def velocity(self) -> np.ndarray:
         """Velocity of the root in the heading frame: forward, left, up, m/s, (n, 3)."""
-        velocity, angle = self.limbs[:, 0, quantity_columns("translational_velocity")], yaw(self.orientation)
-        cos, sin = np.cos(angle), np.sin(angle)
+        velocity = self.limbs[:, 0, quantity_columns("translational_velocity")]
+        cos, sin = np.cos(self.heading), np.sin(self.heading)
         x, y, z = velocity.T
         return np.stack([cos * x + sin * y, cos * y - sin * x, z], 1)
 

@@ -84,6 +84,8 @@ def read_task(source: str, name: str, origin: str, *, folder: Path | None = None
 
 
 def _check_ranges(file: TaskFile, origin: str) -> None:
+    if file.commands.heading and file.commands.yaw != (0.0, 0.0):
+        raise ConfigError(f"{origin}: commands has both heading and yaw; the first takes the place of the second")
     for section, expected in (("commands", "finite"), ("randomize", "finite, positive")):
         part = getattr(file, section)
         for name in ("x", "y", "yaw") if section == "commands" else ("friction", "mass", "gain"):

@@ -105,6 +105,8 @@ class RobotPass:
     def observe(self) -> None:
         """Write what is observed besides the limbs' sensors."""
         self.arrays.refresh()
+        if self.task.commands is not None and self.task.commands.heading:
+            self.arrays.command[:, 2] = (-self.task.commands.heading * self.arrays.heading).clip(-1, 1)
         column = 0
         for quantity, width in self._groups:
             self._out[:, column : column + width] = _SOURCES[quantity](self.arrays)

@@ -33,6 +33,8 @@ class Commands:
         x: Speed forward, in the direction that the robot heads, m/s.
         y: Speed to the left, m/s.
         yaw: Speed of turning left, rad/s.
+        heading: Speed of turning back to the direction that the robot headed in its start pose, rad/s for each radian
+            that it heads off, 1 rad/s at most, in place of `yaw`; 0 for `yaw` (Rudin et al. 2022, section 3).
         seconds: Time after which they are drawn anew; 0 for never within an episode.
         froude: Whether speeds are in units of sqrt(g * h), with h the height at which the robot starts, in place of
             m/s: animals of any size change gaits at like shares (Alexander 1989, Optimization and gaits in the
@@ -42,6 +44,7 @@ class Commands:
     x: Range = (0.0, 0.0)
     y: Range = (0.0, 0.0)
     yaw: Range = (0.0, 0.0)
+    heading: float = bounded(0.0, at_most=100)
     seconds: float = 0.0
     froude: bool = False
 
