@@ -14,6 +14,7 @@ import numpy as np
 from morphkit.description import Actuation, RobotInfo
 from morphkit.errors import ConfigError
 from morphkit.morphology import Actuator, Base
+from morphkit.simulation.ground import can_touch
 
 EFFORT_DEFLECTION_RAD = 0.5
 """How far a joint has to be from its target for the whole effort limit."""
@@ -154,16 +155,22 @@ def chosen_gains(model: mujoco.MjModel, own: Drive, given: Mapping[str, Sequence
 
 
 def _loads(model: mujoco.MjModel, start: np.ndarray) -> dict[int, tuple[float, float]]:
-    """Of each robot, by its root: its weight, N, and the torque of that at its full extent, N*m, in a pose."""
+    """Of each robot, by its root: its weight, N, and the torque of that at its full extent, N*m, in a pose.
+
+    The extent is that of its centers of mass and of the geoms that can touch something; where none can, of all geoms.
+    """
     data = mujoco.MjData(model)
     data.qpos[:] = start
     mujoco.mj_kinematics(model, data)
-    loads = {}
+    loads, touching = {}, can_touch(model)
     for root in np.flatnonzero(model.body_parentid == 0)[1:]:
-        own = model.body_rootid[model.geom_bodyid] == root
-        away = np.linalg.norm(data.geom_xpos[own] - data.xpos[root], axis=1) + model.geom_rbound[own]
+        own, bodies = model.body_rootid[model.geom_bodyid] == root, model.body_rootid == root
+        counted = own & touching if (own & touching).any() else own
+        away = np.linalg.norm(data.geom_xpos[counted] - data.xpos[root], axis=1) + model.geom_rbound[counted]
+        massive = bodies & (model.body_mass > 0)
+        mass_away = np.linalg.norm(data.xipos[massive] - data.xpos[root], axis=1)
         weight = _GRAVITY * float(model.body_subtreemass[root])
-        loads[int(root)] = weight, weight * float(away.max(initial=0.0))
+        loads[int(root)] = weight, weight * float(max(away.max(initial=0.0), mass_away.max(initial=0.0)))
     return loads
 
 

@@ -113,7 +113,8 @@ def build_simulation(
     Args:
         description: The robot.
         base: How to attach a root that has no joint of its own; None takes what the description says.
-        drawn: Whether the model is drawn. Else no image of a texture is read, and textures are flat.
+        drawn: Whether the model is drawn. Else no image of a texture and no mesh that only decorates is read, and
+            textures are flat.
         actuation: How motors are driven, see `simulation.actuation`; None: by position on a free base whose file has no
             actuators, otherwise as the file says, with motors within the effort limits where it has none.
 
@@ -129,7 +130,7 @@ def build_simulation(
 
 def _build(description: Description, *, base: Base | None, actuation: Actuation | None, drawn: bool) -> Simulation:
     morphology = read(description)
-    spec, dropped = load_spec(description, only=morphology, drawn=drawn)
+    spec, dropped = load_spec(description, only=morphology, drawn=drawn, decorated=drawn)
     root = _find_root(spec, morphology)
     own_base = morphology.base if list(root.joints) else None
     if own_base is not None and base is not None and base != own_base:

@@ -32,6 +32,7 @@ def load_spec(
     incomplete: set[str] | None = None,
     only: Morphology | None = None,
     drawn: bool = True,
+    decorated: bool = True,
 ) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
     """Parse a description into an MjSpec that compiles without touching the file system again.
 
@@ -44,6 +45,8 @@ def load_spec(
             Every mesh and height field that cannot be found is dropped then, even one that matters.
         only: The robot, where links of a URDF that are no part of it are to be left out.
         drawn: Whether the model is drawn. Else no image of a texture is read.
+        decorated: Whether meshes that only decorate are kept. Else they are left out unread, but for a robot that
+            nothing can touch: how high it stands is seen from them.
 
     Returns:
         The spec, its bodies, joints and actuators all named as the reader names them; and one sentence for each thing
@@ -76,7 +79,7 @@ def load_spec(
     name_elements(spec)
     notes = [
         *mended,
-        *_resolve_meshes(spec, description, references, incomplete),
+        *_resolve_meshes(spec, description, references, incomplete, decorated=decorated),
         *_resolve_fields(spec, description, incomplete, images),
         *_resolve_skins(spec, description),
         *(_resolve_images(spec, description, images) if drawn else _without_images(spec)),
@@ -115,11 +118,17 @@ def _prepare_urdf(robot: Any, description: Description) -> dict[str, str]:
 
 
 def _resolve_meshes(
-    spec: mujoco.MjSpec, description: Description, references: dict[str, str], incomplete: set[str] | None
+    spec: mujoco.MjSpec,
+    description: Description,
+    references: dict[str, str],
+    incomplete: set[str] | None,
+    *,
+    decorated: bool,
 ) -> list[str]:
     notes = []
     assets: dict[str, bytes] = {}
     geoms: dict[str, list[Any]] = {}
+    spared = not decorated and any(_collides(geom) for body in spec.bodies[1:] for geom in body.geoms)
     for geom in spec.geoms:
         geoms.setdefault(geom.meshname, []).append(geom)
     for mesh in list(spec.meshes):
@@ -128,7 +137,11 @@ def _resolve_meshes(
         reference = references.get(mesh.file, mesh.file)
         users = geoms.get(mesh.name, [])
         try:
-            name, content = _mesh_bytes(reference, description)
+            path = locate(reference, description)
+            if spared and users and all(_is_decoration(geom) and not geom.name for geom in users):
+                drop_shape(spec, mesh, users)
+                continue
+            name, content = read_for_mujoco(path)
         except AssetError as error:
             if incomplete is None and not all(_is_decoration(geom) for geom in users):
                 raise AssetError(f"{description.file}: mesh {reference!r} is needed in simulation: {error}") from error
@@ -222,9 +235,8 @@ def _flatten(texture: Any) -> None:
 def _is_decoration(geom: Any) -> bool:
     """Whether neither contacts nor masses depend on the geom."""
     massless = geom.mass == 0 or (geom.mass != geom.mass and geom.density == 0)
-    return not geom.contype and not geom.conaffinity and (geom.parent.explicitinertial or massless)
+    return not _collides(geom) and (geom.parent.explicitinertial or massless)
 
 
-def _mesh_bytes(reference: str, description: Description) -> tuple[str, bytes]:
-    """File name and content of a mesh in a format that MuJoCo reads; others are converted with trimesh."""
-    return read_for_mujoco(locate(reference, description))
+def _collides(geom: Any) -> bool:
+    return bool(geom.contype or geom.conaffinity)

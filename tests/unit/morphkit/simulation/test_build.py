@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -208,6 +210,30 @@ def test_missing_visual_mesh_is_left_out_with_a_note(tmp_path: Path) -> None:
     simulation = build_simulation(urdf(visual, folder=tmp_path), base="free")
     assert any("package://crab/skin.stl" in note for note in simulation.notes)
     assert simulation.model.nmesh == 0
+
+
+def test_meshes_that_only_decorate_are_left_out_of_what_is_not_drawn(tmp_path: Path) -> None:
+    """Servos and start height stay what they are in a model that is drawn, to the last bit."""
+    trimesh.creation.box((0.3, 0.3, 1.4)).export(tmp_path / "skin.stl")
+    visual = '<visual><geometry><mesh filename="skin.stl"/></geometry></visual>'
+    lost = '<visual><geometry><mesh filename="lost.stl"/></geometry></visual>'
+    whole = urdf(visual + lost, folder=tmp_path)
+    whole = replace(whole, source=whole.source.replace(b'effort="30"', b'effort="3000"'))
+    drawn, plain = (build_simulation(whole, base="free", drawn=drawn) for drawn in (True, False))
+    assert (drawn.model.nmesh, plain.model.nmesh) == (1, 0)
+    assert drawn.gains == plain.gains
+    assert drawn.gains["hip"].stiffness < 3000 / 0.5
+    np.testing.assert_array_equal(drawn.start, plain.start)
+    assert [any("lost.stl" in note for note in each.notes) for each in (drawn, plain)] == [True, True]
+
+
+def test_meshes_stay_where_nothing_else_says_how_high_a_robot_stands(tmp_path: Path) -> None:
+    trimesh.creation.box((0.2, 0.2, 1.4)).export(tmp_path / "skin.stl")
+    ghost = urdf('<visual><geometry><mesh filename="skin.stl"/></geometry></visual>', folder=tmp_path)
+    source = re.sub(rb"<collision>.*?</collision>", b"", ghost.source, flags=re.DOTALL)
+    simulation = build_simulation(replace(ghost, source=source), base="free", drawn=False)
+    assert simulation.model.nmesh == 1
+    assert simulation.start[2] == pytest.approx(0.7, abs=1e-5)
 
 
 def test_missing_collision_mesh_is_named(tmp_path: Path) -> None:

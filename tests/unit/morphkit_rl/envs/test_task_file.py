@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,13 @@ import pytest
 from morphkit.errors import ConfigError, MorphkitError, UnknownNameError
 from morphkit.registry import load
 from morphkit.simulation.build import build_simulation
+from morphkit_rl.algorithms.actions import ActionScale
 from morphkit_rl.envs.batch_env import BatchEnv
 from morphkit_rl.envs.reward_terms import TERMS
 from morphkit_rl.envs.robot import prepare
 from morphkit_rl.envs.task_file import load_task, read_task, shipped_tasks
 from morphkit_rl.envs.tasks import TASKS, find_task, task_for
+from morphkit_rl.evaluation.episodes import play, random_controller
 
 MINE = """
 python = ["my_terms.py"]
@@ -103,6 +106,8 @@ def test_python_files_are_run_for_those_who_give_the_file_only(mine: Path) -> No
         ('python = ["none.py"]\n[terms]\nalive = 1', "there is no file"),
         ('python = ["bad.py"]\n[terms]\nalive = 1', "bad.py: ZeroDivisionError"),
         ("[terms]\nalive = 1\n[randomize]\nmass = [0, 1]", "randomize.mass is .* positive numbers"),
+        ("[terms]\nalive = 1\n[commands]\nheading = -1", "commands.heading is -1"),
+        ("[terms]\nalive = 1\n[commands]\nheading = 1\nyaw = [-1, 1]", "commands has both heading and yaw"),
         ("[terms]\nalive = 1\n[commands]\ny = [0, inf]", "commands.y is .* finite"),
     ],
 )
@@ -136,3 +141,14 @@ def test_shipped_tasks_are_known_by_their_names() -> None:
     assert set(shipped_tasks()) == {"walk", "reach"}
     assert set(shipped_tasks()) < set(TASKS)
     assert not any(task.source for task in TASKS.values())
+
+
+def test_walk_pays_next_to_nothing_for_standing_still_and_for_random_actions() -> None:
+    robot = prepare(load("quadruped"))
+    env = BatchEnv([robot.simulation], [replace(robot.task, episode_length=200)], 4, specs=[robot.spec], seed=0)
+    middle = ActionScale(robot.spec).to_controls(np.zeros((4, len(robot.spec.actuators))))
+    most = 200 * robot.task.most
+    still = play(env, lambda _: [middle])
+    assert still.lengths[0].min() == 200
+    assert -0.1 < still.returns[0].mean() / most < 0.25
+    assert play(env, random_controller(env, 0)).returns[0].mean() / most < 0.1

@@ -63,6 +63,23 @@ def test_a_command_is_observed_before_it_counts() -> None:
         assert (commands(obs)[:, 0] != before).all()
 
 
+def test_who_heads_off_is_told_to_turn_back() -> None:
+    """Already where an episode ends, and before a step is rewarded."""
+    env = batch(commands=Commands(x=(0.5, 1.0), heading=0.8), episode_length=2)
+    env.reset()
+    model = QUADRUPED.simulation.model
+    qpos, angles = np.tile(model.qpos0, (N, 1)), np.array([0.0, 0.5, -0.5, 2.0])
+    qpos[:, 3], qpos[:, 6] = np.cos(angles / 2), np.sin(angles / 2)
+    obs = env.set_state(0, qpos, np.zeros((N, model.nv)))
+    np.testing.assert_allclose(commands(obs)[:, 2], [0, -0.4, 0.4, -1], atol=1e-6)
+    step = still(env)
+    np.testing.assert_allclose(commands(step.obs[0])[:, 2], [0, -0.4, 0.4, -1], atol=0.05)
+    step = still(env)
+    assert step.truncated[0].all()
+    np.testing.assert_allclose(commands(step.final_obs[0])[:, 2], [0, -0.4, 0.4, -1], atol=0.1)
+    np.testing.assert_allclose(commands(step.obs[0])[:, 2], 0, atol=1e-6)
+
+
 @pytest.mark.parametrize("base", ["free", "planar"])
 def test_pushes(base: str) -> None:
     robot = prepare(load("quadruped"), base=base, task="walk")
@@ -154,7 +171,7 @@ def test_speeds_follow_from_size() -> None:
     task = task_for(QUADRUPED.simulation, "walk")
     unit = np.sqrt(9.81 * QUADRUPED.simulation.model.qpos0[2])
     assert task.speed_unit == pytest.approx(unit)
-    assert task.commands.x == pytest.approx((0.25 * unit, 0.5 * unit))
+    assert task.commands.x == pytest.approx((0.3 * unit, 0.5 * unit))
     arm = prepare(load("arm")).simulation
     with pytest.raises(ConfigError, match="base is fixed"):
         task_for(arm, "walk")
