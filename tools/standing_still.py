@@ -1,7 +1,7 @@
 """What standing still, random actions and a trained policy earn of the most that a task pays, robot by robot.
 
 Standing still: every control is in the middle of its range; for servos that is the start pose. With --run, its
-policy is measured, too, and its speed along world x, in which it starts to head.
+policy is measured, too, and its speed along world x, in which it starts to head, beside the speed that it is told.
 
     python tools/standing_still.py [ROBOT ...] [--task walk] [--base free] [--episodes 16] [--steps 1000] [--run RUN]
 """
@@ -54,6 +54,7 @@ def main() -> None:
 def _walk(env: BatchEnv, robot: Robot, policy: Policy) -> str:
     """Share of the most, control steps and speed of the first episode of each environment."""
     obs, n = env.reset()[0], env.num_envs[0]
+    told = obs[:, [(t.quantity, t.component) == ("command", "x") for t in robot.spec.sensors]].mean()
     going, returns, lengths, way = np.ones(n, bool), np.zeros(n), np.zeros(n), np.zeros(n)
     task, dt = env.tasks[0], (env.tasks[0].frame_skip or 1) * robot.simulation.model.opt.timestep
     while going.any():
@@ -63,8 +64,9 @@ def _walk(env: BatchEnv, robot: Robot, policy: Policy) -> str:
         going &= ~(step.terminated[0] | step.truncated[0])
         obs = step.obs[0]
     share, whole = returns.mean() / (task.most * task.episode_length), int((lengths == task.episode_length).sum())
+    speed = way.sum() / lengths.sum() / dt
     return (
-        f"{share:.3f}, {lengths.mean():.0f} steps, {whole} of {n} to the end, {way.sum() / lengths.sum() / dt:.2f} m/s"
+        f"{share:.3f}, {lengths.mean():.0f} steps, {whole} of {n} to the end, {speed:.2f} m/s where told {told:.2f} m/s"
     )
 
 
