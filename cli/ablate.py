@@ -14,6 +14,7 @@ import typer
 
 from morphkit.utils.printable import one_line
 
+from . import ablate_plan as plans
 from . import ablate_report as report
 from . import common
 from .terminal import note, write
@@ -30,6 +31,7 @@ EXAMPLES = (
     "morphkit ablate cheetah --remove foot",
     "morphkit ablate hopper --splice lower_leg --name short_hopper",
     "morphkit ablate quadruped --remove FL_calf --mirror --dry-run",
+    "morphkit ablate quadruped --scale length=0.8:1.2 --scale mass=0.9:1.1 --samples 10 --seed 1",
     "morphkit ablate my_robot.urdf --all --skip-mirrored --limit 100 --jobs 2",
 )
 
@@ -69,6 +71,19 @@ def ablate(
     skip_mirrored: Annotated[
         bool, typer.Option("--skip-mirrored", help="With --all: leave out mirror images of earlier variants.")
     ] = False,
+    scale: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--scale",
+            metavar="WHAT=LOW:HIGH",
+            help="Scale each limb's 'length', 'mass' or 'gain' (forces of its motors) by a factor drawn from a range, "
+            "or by one factor: WHAT=FACTOR. Mirror images share theirs. Can be given for each of the three.",
+        ),
+    ] = None,
+    samples: Annotated[
+        int, typer.Option(min=1, metavar="N", help="With --scale: make N bodies, of each variant with --all.")
+    ] = 1,
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="With --scale: seed of the factors.")] = 0,
     keep_assets: Annotated[
         bool,
         typer.Option(
@@ -91,7 +106,7 @@ def ablate(
             "-o",
             metavar="DIR",
             help="Output folder.",
-            show_default="the variant's name; with --all, ROBOT-family",
+            show_default="the variant's name, with --scale and -scaled; with --all, ROBOT-family",
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an output folder that holds other files.")] = False,
@@ -105,35 +120,45 @@ def ablate(
     as_json: Annotated[bool, typer.Option("--json", help="Print the manifest as JSON.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")] = False,
 ) -> None:
-    """Cut limbs off a robot and write the variants, with a manifest.json that says what is gone.
+    """Cut limbs off a robot, or scale them, and write the variants, with a manifest.json that says what is gone.
 
     A URDF stays a URDF and an MJCF an MJCF: comments, defaults, units and what morphkit does not
     know survive. What refers to a removed limb, such as its motors, goes too and is listed.
     """
     wish = {"remove": remove or [], "splice": splice or [], "keep": keep or []}
-    _check_usage(wish, mirror=mirror, every=every, skip_mirrored=skip_mirrored, name=name)
+    if samples > 1 and not scale:
+        raise common.UsageError("--samples goes with --scale: without it all bodies would be the same.")
+    how = plans.sampling(scale or [], samples, seed)
+    _check_usage(wish, mirror=mirror, every=every, skip_mirrored=skip_mirrored, name=name, scaled=how is not None)
 
     from morphkit.ablation.ablate import Cutter
+    from morphkit.families.scaled import plan_one, plan_scaled
     from morphkit.families.write import write_family
 
     (description,) = common.load_robots(robot, root=root, package=package, xacro_arg=xacro_arg, trust_xacro=trust_xacro)
     cutter = Cutter(description)
     source, notes = cutter.description, list[str]()
     check, drop = compiled and not dry_run, not keep_assets
+    title = "" if every else report.matches(cutter, wish, mirror=mirror)
     if every:
-        planned = _plan(cutter, min_limbs, max_limbs, limit, skip_mirrored)
-        found = _family(cutter, planned, jobs, check, drop, notes)
-        title, folder = "", output or Path(f"{source.name}-family")
+        bounds = {"min_limbs": min_limbs, "max_limbs": max_limbs, "limit": limit, "skip_mirrored": skip_mirrored}
+        found = _family(cutter, plans.plan_family(cutter, how, bounds), jobs, check, drop, notes)
+        folder = output or Path(f"{source.name}-family")
+    elif how is not None:
+        body = plan_one(cutter, **wish, mirror=mirror, name=name)
+        found = _must_work(_family(cutter, plan_scaled(cutter, [body], how), jobs, check, drop, notes))
+        folder = output or Path(f"{body.name}-scaled")
     else:
         variant = cutter.ablate(**wish, mirror=mirror, drop_assets=drop, name=name)
         found = _one(source, variant, check, notes)
-        title, folder = report.matches(cutter, wish, mirror=mirror), output or Path(variant.description.name)
-    tally = report.Tally(every=every, title=title)
+        folder = output or Path(variant.description.name)
+    several = every or how is not None
+    tally = report.Tally(every=several, title=title)
     if dry_run:
         _show_plan(cutter, map(tally.enter, found), tally, as_json=as_json, quiet=quiet)
         return
 
-    made = report.with_progress(map(tally.enter, found), limit=limit, quiet=quiet or not every)
+    made = report.with_progress(map(tally.enter, found), limit=limit, quiet=quiet or not several)
     manifest = write_family(source, made, folder, force=force, assets=assets, notes=notes)
     if as_json:
         common.print_json({"folder": str(folder), **json.loads(manifest.read_text(encoding="utf-8"))})
@@ -150,37 +175,20 @@ def ablate(
 
 
 def _check_usage(
-    wish: Mapping[str, Sequence[str]], *, mirror: bool, every: bool, skip_mirrored: bool, name: str | None
+    wish: Mapping[str, Sequence[str]], *, mirror: bool, every: bool, skip_mirrored: bool, name: str | None, scaled: bool
 ) -> None:
     asked = any(wish.values())
     if every and (asked or mirror or name):
         raise common.UsageError("--all makes every variant; leave out --remove, --splice, --keep, --mirror and --name.")
     if name is not None and not re.fullmatch(r"\w[\w.-]*", name):
         raise common.UsageError(f"--name '{name}': a name has letters, digits, '_', '-' and '.' only.")
-    if not every and not asked:
+    if not every and not asked and not scaled:
         raise common.UsageError(
-            "say what to cut: --remove LIMB, --splice LIMB, --keep LIMB, or --all for every variant."
+            "say what to cut: --remove LIMB, --splice LIMB, --keep LIMB, or --all for every variant;"
+            " or what to scale: --scale length=0.8:1.2."
         )
     if skip_mirrored and not every:
         raise common.UsageError("--skip-mirrored goes with --all; one variant has no other to be the image of.")
-
-
-def _plan(
-    cutter: Cutter, min_limbs: int, max_limbs: int | None, limit: int | None, skip_mirrored: bool
-) -> Iterator[Planned]:
-    """The variants of a family; an error where there are none."""
-    from morphkit.errors import AblationError
-    from morphkit.families.enumeration import plan_family
-
-    planned = plan_family(cutter, min_limbs=min_limbs, max_limbs=max_limbs, limit=limit, skip_mirrored=skip_mirrored)
-    first = next(planned, None)
-    if first is None:
-        wanted = f"{min_limbs} or more" if max_limbs is None else f"{min_limbs} to {max_limbs}"
-        raise AblationError(
-            f"{cutter.description.name} has {common.count(len(cutter.morphology.limbs), 'limb')}, and no variant of"
-            f" it has {wanted}; change --min-limbs or --max-limbs."
-        )
-    return chain([first], planned)
 
 
 def _family(
@@ -192,6 +200,17 @@ def _family(
         notes.append(f"{NOT_COMPILED}: {problem}")
         check = False
     return build.make(cutter, planned, jobs=jobs, compiled=check, drop_assets=drop)
+
+
+def _must_work(found: Iterator[Made]) -> Iterator[Made]:
+    """`found`; an error where the first cannot be made, since the others are scaled like it."""
+    from morphkit.errors import AblationError
+    from morphkit.families.build import FailedVariant
+
+    first = next(found)
+    if isinstance(first, FailedVariant):
+        raise AblationError(f"{first.name}: {first.reason}")
+    return chain([first], found)
 
 
 def _one(source: Description, variant: Variant, check: bool, notes: list[str]) -> Iterator[Made]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
+from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
 from morphkit.errors import MorphkitError
@@ -19,11 +20,14 @@ if TYPE_CHECKING:
     from morphkit.morphology import Morphology
 
 
+_FACTORS = ("length", "mass", "gain")
+
+
 class Tally:
     """What was made, kept small: a row for each variant, and the whole of a single one.
 
     Attributes:
-        every: Whether it is a family.
+        every: Whether it is a family, or several bodies of other proportions.
         made: How many variants there are.
         failed: The variants that could not be made.
     """
@@ -50,7 +54,8 @@ class Tally:
             if self.every:
                 gone = ", ".join((*made.removed, *made.spliced))
                 left = ", ".join(made.limbs)
-                self._rows.append((made.description.name, str(len(made.limbs)), gone, str(len(made.lost)), left))
+                row = (made.description.name, str(len(made.limbs)), gone, str(len(made.lost)))
+                self._rows.append((*row, *map(_spread, _FACTORS, repeat(made)), left))
             else:
                 self._single = _variant(made)
         return made
@@ -59,16 +64,19 @@ class Tally:
         """What there is to read about it."""
         if not self.every:
             return self._title + self._single
-        parts = []
+        parts = [self._title] if self._title else []
         if self._rows:
-            columns = ("variant", "limbs", "gone", "also lost", "left")
+            known = ("variant", "limbs", "gone", "also lost", *_FACTORS, "left")
+            kept = [number for number, name in enumerate(known) if name not in _FACTORS or self._has(number)]
+            columns, *rows = ([row[number] for number in kept] for row in (known, *self._rows))
             right, dispensable = ("limbs", "also lost"), ("also lost", "gone")
-            parts.append(
-                table(columns, self._rows, right=right, dispensable=dispensable, fold=True, width=terminal_width())
-            )
+            parts.append(table(columns, rows, right=right, dispensable=dispensable, fold=True, width=terminal_width()))
         if self._mirrored:
             parts.append(table(("left out", "mirror image of"), self._mirrored, fold=True, width=terminal_width()))
         return "\n".join(parts)
+
+    def _has(self, column: int) -> bool:
+        return any(row[column] for row in self._rows)
 
 
 def matches(cutter: Cutter, wish: Mapping[str, Sequence[str]], *, mirror: bool) -> str:
@@ -123,6 +131,7 @@ def as_json(made: Made) -> dict[str, Any]:
         "spliced": made.spliced,
         "limbs": made.limbs,
         "lost": [asdict(loss) for loss in made.lost],
+        **({"scaled": {limb: asdict(scale) for limb, scale in made.scaled.items()}} if made.scaled else {}),
     }
 
 
@@ -148,6 +157,13 @@ def with_progress(made: Iterator[Made], *, limit: int | None, quiet: bool) -> It
         for each in made:
             yield each
             bar.update(task, advance=1, refresh=True)
+
+
+def _spread(what: str, variant: Variant) -> str:
+    """Lowest and highest factor of a variant's limbs; empty where none is scaled."""
+    factors = [getattr(scale, what) for scale in variant.scaled.values()]
+    low, high = min(factors, default=1.0), max(factors, default=1.0)
+    return "" if low == high == 1 else f"{low:.2f}" if low == high else f"{low:.2f} to {high:.2f}"
 
 
 def _variant(variant: Variant) -> str:

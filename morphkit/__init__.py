@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from morphkit import families
     from morphkit.ablation.ablate import Variant, ablate
+    from morphkit.ablation.limb_scale import LimbScale
     from morphkit.ablation.loss import Loss
     from morphkit.comparison.compare import Comparison, compare
     from morphkit.conversion.convert import Conversion, convert
@@ -26,16 +27,20 @@ if TYPE_CHECKING:
     from morphkit.errors import MorphkitError
     from morphkit.families.enumeration import sub_morphologies
     from morphkit.families.manifest import read_manifest
+    from morphkit.families.scaled import scaled_variants
     from morphkit.families.write import write_family
     from morphkit.morphology import Actuator, Joint, Limb, Morphology, Sensor
     from morphkit.readers import read
     from morphkit.registry import load, load_all, recipes, shipped
+    from morphkit.scaling.draw import ScaleRanges
+    from morphkit.scaling.scale import scale_limbs
     from morphkit.tokens.spec import ActuatorToken, SensorToken, TokenSpec, token_spec
     from morphkit.validation.check import check
     from morphkit.validation.findings import Finding, Report
 
 _MODULES = {
     "morphkit.ablation.ablate": ("Variant", "ablate"),
+    "morphkit.ablation.limb_scale": ("LimbScale",),
     "morphkit.ablation.loss": ("Loss",),
     "morphkit.comparison.compare": ("Comparison", "compare"),
     "morphkit.conversion.convert": ("Conversion", "convert"),
@@ -44,10 +49,13 @@ _MODULES = {
     "morphkit.errors": ("MorphkitError",),
     "morphkit.families.enumeration": ("sub_morphologies",),
     "morphkit.families.manifest": ("read_manifest",),
+    "morphkit.families.scaled": ("scaled_variants",),
     "morphkit.families.write": ("write_family",),
     "morphkit.morphology": ("Actuator", "Joint", "Limb", "Morphology", "Sensor"),
     "morphkit.readers": ("read",),
     "morphkit.registry": ("load", "load_all", "recipes", "shipped"),
+    "morphkit.scaling.draw": ("ScaleRanges",),
+    "morphkit.scaling.scale": ("scale_limbs",),
     "morphkit.tokens.spec": ("ActuatorToken", "SensorToken", "TokenSpec", "token_spec"),
     "morphkit.validation.check": ("check",),
     "morphkit.validation.findings": ("Finding", "Report"),
@@ -63,11 +71,13 @@ __all__ = [
     "Finding",
     "Joint",
     "Limb",
+    "LimbScale",
     "Loss",
     "MorphkitError",
     "Morphology",
     "Report",
     "RobotInfo",
+    "ScaleRanges",
     "Sensor",
     "SensorToken",
     "TokenSpec",
@@ -83,6 +93,8 @@ __all__ = [
     "read",
     "read_manifest",
     "recipes",
+    "scale_limbs",
+    "scaled_variants",
     "shipped",
     "sub_morphologies",
     "token_spec",

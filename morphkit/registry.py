@@ -212,7 +212,7 @@ def _load_file(path: Path, root: str | None) -> Description:
     listed = find_listed(path)
     if listed is not None:
         manifest, variant = listed
-        return replace(_describe(path, variant.name, manifest.info, root), packages=manifest.readable())
+        return replace(_describe(path, variant.name, manifest.info_of(variant), root), packages=manifest.readable())
     return _describe(path, path.stem, RobotInfo(), root)
 
 
@@ -225,7 +225,7 @@ def _load_family(path: Path, root: str | None) -> list[Description]:
         raise DescriptionError(f"{path}: lists no variants")
     files = manifest.readable()
     return [
-        replace(_describe(path.parent / each.file, each.name, manifest.info, root), packages=files)
+        replace(_describe(path.parent / each.file, each.name, manifest.info_of(each), root), packages=files)
         for each in manifest.variants
     ]
 

@@ -6,16 +6,17 @@ The XML source is edited, not rewritten: what a cut does not touch stays byte fo
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import PurePath
 
+from morphkit.ablation.limb_scale import LimbScale
 from morphkit.ablation.loss import Loss
 from morphkit.ablation.opener import Opener, opener_of
 from morphkit.ablation.plan import make_plan
 from morphkit.ablation.symmetry import counterparts
-from morphkit.ablation.targets import UNSAFE, choose, wish_name
+from morphkit.ablation.targets import UNSAFE, Wish, choose, wish_name
 from morphkit.ablation.unused_assets import Uses
 from morphkit.description import Description, RobotInfo
 from morphkit.errors import AblationError
@@ -37,6 +38,7 @@ class Variant:
         spliced: Every limb that went while its children moved up, in file order.
         limbs: The limbs that are left, in file order.
         lost: What else went or changed.
+        scaled: Factors of the limbs that were scaled afterwards; see `scaling`.
     """
 
     description: Description
@@ -44,6 +46,7 @@ class Variant:
     spliced: tuple[str, ...]
     limbs: tuple[str, ...]
     lost: tuple[Loss, ...]
+    scaled: Mapping[str, LimbScale] = field(default_factory=dict)
 
 
 def ablate(
@@ -104,11 +107,8 @@ class Cutter:
         name: str | None = None,
     ) -> Variant:
         """See `ablate`."""
-        image = self.counterparts() if mirror else None
-        wish = choose(self.morphology, remove=remove, splice=splice, keep=keep, image=image)
-        if name is None:
-            name = wish_name(self.morphology, remove=remove, splice=splice, keep=keep, image=image)
-        variant = self.cut(remove=wish.remove, splice=wish.splice, drop_assets=drop_assets, name=name)
+        wish, own_name = self.wish(remove=remove, splice=splice, keep=keep, mirror=mirror)
+        variant = self.cut(remove=wish.remove, splice=wish.splice, drop_assets=drop_assets, name=name or own_name)
         limb_of = {member: limb.name for limb in self.morphology.limbs for member in limb.members}
         gone = [name for name in wish.keep if limb_of[name] not in variant.limbs]
         if gone:
@@ -116,6 +116,20 @@ class Cutter:
                 f"{self.description.file}: {', '.join(gone)} cannot be kept, because what it hangs on is removed"
             )
         return variant
+
+    def wish(
+        self,
+        *,
+        remove: Sequence[str] = (),
+        splice: Sequence[str] = (),
+        keep: Sequence[str] = (),
+        mirror: bool = False,
+    ) -> tuple[Wish, str]:
+        """What `ablate` is asked for, in exact names, and the name of the variant."""
+        image = self.counterparts() if mirror else None
+        asked = {"remove": remove, "splice": splice, "keep": keep}
+        wish = choose(self.morphology, **asked, image=image)
+        return wish, wish_name(self.morphology, **asked, image=image)
 
     def cut(
         self, *, remove: Sequence[str], splice: Sequence[str] = (), drop_assets: bool = False, name: str
@@ -135,7 +149,7 @@ class Cutter:
             description=replace(
                 description,
                 name=name,
-                file=_file_name(name, PurePath(description.file).suffix),
+                file=file_name(name, PurePath(description.file).suffix),
                 source=file.source.render(),
                 info=self._info(bool(gone)),
             ),
@@ -195,7 +209,7 @@ def set_root_height(description: Description, height_m: float) -> Description:
     return replace(description, source=opener_of(description).set_height(read(description).root.name, height_m))
 
 
-def _file_name(name: str, suffix: str) -> str:
+def file_name(name: str, suffix: str) -> str:
     """A file name that every file system takes; long ones are cut and end in a hash of the whole."""
     safe = UNSAFE.sub("_", name).lstrip(".") or "robot"
     if len(safe) > _LONGEST:

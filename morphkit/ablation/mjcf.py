@@ -79,7 +79,7 @@ def _splice(root: Any, group: list[Any]) -> None:
         if any(id(ancestor) in inside for ancestor in top.iterancestors("body")):
             continue
         pose = angles.pose(top)
-        anchor = pose.apply(_anchor(top, angles, defaults))
+        anchor = pose.apply(first_anchor(top, angles, defaults))
         for child in _children(top, inside):
             _move_up(child, top, angles, defaults, anchor)
         detach(top)
@@ -104,7 +104,7 @@ def _move_up(child: Any, top: Any, angles: Angles, defaults: Defaults, anchor: n
         between = angles.pose(ancestor) @ between
         if ancestor is top:
             break
-    own_anchor = _anchor(child, angles, defaults)
+    own_anchor = first_anchor(child, angles, defaults)
     inherited = inherited_class(child)
     pose = between @ angles.pose(child)
     pose = Pose(anchor - pose.rotate(own_anchor), pose.rotation)
@@ -114,7 +114,7 @@ def _move_up(child: Any, top: Any, angles: Angles, defaults: Defaults, anchor: n
     write_mjcf(child, pose, keep_orientation=not between.turned)
 
 
-def _anchor(body: Any, angles: Angles, defaults: Defaults) -> np.ndarray:
+def first_anchor(body: Any, angles: Angles, defaults: Defaults) -> np.ndarray:
     """Where the first joint of `body` is anchored, in its frame; its origin where it has none."""
     joint, around = next(_joints(body, angles), (None, identity()))
     return np.zeros(3) if joint is None else around.apply(numbers(defaults.get(joint, "pos", "0 0 0")))

@@ -11,8 +11,10 @@ from morphkit.ablation.ablate import Cutter, Variant
 from morphkit.description import Description, RobotInfo
 from morphkit.errors import DescriptionError
 from morphkit.families.enumeration import Planned
+from morphkit.families.scaled import scales_left
 from morphkit.formats.isolation import working
 from morphkit.readers import read
+from morphkit.scaling.scale import scale_limbs, scaled_info
 from morphkit.utils import worker_pool
 
 
@@ -70,7 +72,7 @@ def make(
         if isinstance(made, worker_pool.Failure):
             yield FailedVariant(plan.name, plan.remove, plan.splice, made.reason)
         else:
-            yield cutter.adopt(made)
+            yield _adopted(cutter, made)
     yield from pending.left_out(None)
 
 
@@ -140,6 +142,14 @@ class _Passing:
             yield MirroredVariant(each.name, each.remove, each.mirrors)
 
 
+def _adopted(cutter: Cutter, made: Variant) -> Variant:
+    variant = cutter.adopt(made)
+    if not made.scaled:
+        return variant
+    info = scaled_info(variant.description.info, cutter.morphology, made.scaled)
+    return replace(variant, description=replace(variant.description, info=info))
+
+
 def _plain(description: Description) -> Description:
     """A description that can be sent to another process."""
     return replace(description, packages=dict(description.packages))
@@ -151,6 +161,8 @@ def _cutting(description: Description, compiled: bool, drop_assets: bool) -> Cal
 
     def make_one(plan: Planned) -> Variant:
         variant = cutter.cut(remove=plan.remove, splice=plan.splice, drop_assets=drop_assets, name=plan.name)
+        if plan.scales:
+            variant = scale_limbs(variant, scales_left(plan, variant), name=plan.name)
         if compiled:
             compile_one(variant.description)
         # What all variants share is not sent back.

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from morphkit.ablation.ablate import Cutter, Variant
+from morphkit.ablation.limb_scale import LimbScale
 from morphkit.ablation.targets import variant_name
 from morphkit.description import Description
 from morphkit.errors import AblationError
@@ -21,12 +22,14 @@ class Planned:
         remove: The topmost limbs that go, in file order.
         splice: Limbs that go alone.
         mirrors: Name of an earlier variant whose mirror image this one is; None without one.
+        scales: Factors of the limbs that are left; empty where none is scaled.
     """
 
     name: str
     remove: tuple[str, ...]
     splice: tuple[str, ...] = ()
     mirrors: str | None = None
+    scales: Mapping[str, LimbScale] = field(default_factory=dict)
 
 
 def sub_morphologies(

@@ -7,10 +7,11 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Any, get_args
 
+from morphkit.ablation.limb_scale import LimbScale
 from morphkit.ablation.loss import Loss
 from morphkit.description import Actuation, RobotInfo
 from morphkit.errors import DescriptionError
@@ -24,7 +25,20 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True, slots=True)
 class ManifestVariant:
-    """A variant as a manifest lists it; see `Variant`. `file` is relative to the manifest."""
+    """A variant as a manifest lists it; see `Variant`.
+
+    Attributes:
+        name: Its name.
+        file: Its file, relative to the manifest.
+        sha256: The file's SHA-256, hexadecimal.
+        removed: As in `Variant`.
+        spliced: As in `Variant`.
+        limbs: As in `Variant`.
+        lost: As in `Variant`.
+        scaled: Factors of each limb that was scaled.
+        gains: Stiffness and damping of the servos of limbs that are stronger than in the source, by joint.
+        start: Where joints start, where that is not as in the source; see `RobotInfo.start`.
+    """
 
     name: str
     file: str
@@ -33,6 +47,14 @@ class ManifestVariant:
     spliced: tuple[str, ...]
     limbs: tuple[str, ...]
     lost: tuple[Loss, ...]
+    scaled: Mapping[str, LimbScale] = field(default_factory=dict)
+    gains: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    start: Mapping[str, float] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, Any]:
+        """What is written of it: the last three only where they hold something."""
+        entry = asdict(self)
+        return {key: value for key, value in entry.items() if value or key not in ("scaled", "gains", "start")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +88,12 @@ class Manifest:
     failed: tuple[FailedVariant, ...] = ()
     mirrored: tuple[MirroredVariant, ...] = ()
     notes: tuple[str, ...] = ()
+
+    def info_of(self, variant: ManifestVariant) -> RobotInfo:
+        """What is known of a variant besides its file."""
+        shared = {joint: gains for joint, gains in self.info.gains.items() if joint not in variant.gains}
+        start = dict(variant.start) or self.info.start
+        return replace(self.info, gains={**variant.gains, **shared}, start=start)  # the first that matches counts
 
     def readable(self) -> dict[str, Path]:
         """The files outside the manifest's folder that its variants may read, for `Description.packages`.
@@ -172,7 +200,7 @@ def _from_json(path: Path, data: Mapping[str, Any]) -> Manifest:
         start=_start(shared.get("start", "")),
         healthy_height=None if height is None else _height(*height),
         actuation=_one_of(shared.get("actuation"), get_args(Actuation)),
-        gains={joint: _gains(*pair) for joint, pair in shared.get("gains", {}).items()},
+        gains=_gains_by_joint(shared.get("gains", {})),
         action_scale=_positive(shared.get("action_scale")),
         control_frequency=_positive(shared.get("control_frequency")),
     )
@@ -207,6 +235,9 @@ def _variant(entry: Mapping[str, Any]) -> ManifestVariant:
         spliced=tuple(entry["spliced"]),
         limbs=tuple(entry["limbs"]),
         lost=tuple(Loss(**loss) for loss in entry["lost"]),
+        scaled={limb: _scale(**factors) for limb, factors in entry.get("scaled", {}).items()},
+        gains=_gains_by_joint(entry.get("gains", {})),
+        start=_coordinates(entry.get("start", {})),
     )
 
 
@@ -231,6 +262,17 @@ def _positive(value: Any) -> float | None:
     return float(value)
 
 
+def _scale(length: float, mass: float, gain: float) -> LimbScale:
+    factors = (float(length), float(mass), float(gain))
+    if not all(0 < factor < math.inf for factor in factors):
+        raise ValueError(f"factors of a limb are {factors!r}")
+    return LimbScale(*factors)
+
+
+def _gains_by_joint(pairs: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    return {joint: _gains(*pair) for joint, pair in pairs.items()}
+
+
 def _gains(stiffness: float, damping: float) -> tuple[float, float]:
     if not (0 < stiffness < math.inf and 0 <= damping < math.inf):
         raise ValueError(f"gains are {stiffness!r} and {damping!r}")
@@ -242,8 +284,10 @@ def _height(low: float | None, high: float | None) -> tuple[float, float]:
 
 
 def _start(value: Any) -> str | dict[str, float]:
-    if isinstance(value, str):
-        return value
+    return value if isinstance(value, str) else _coordinates(value)
+
+
+def _coordinates(value: Mapping[str, Any]) -> dict[str, float]:
     found = {str(joint): float(number) for joint, number in value.items()}
     if not all(map(math.isfinite, found.values())):
         raise ValueError("start has a value that is not finite")

@@ -21,6 +21,7 @@ from morphkit.families.assets import AssetMode, Packer
 from morphkit.families.build import FailedVariant, Made, MirroredVariant, servo_gains
 from morphkit.families.manifest import FILE_NAME, SCHEMA_VERSION, ManifestVariant, listed_files, read_manifest
 from morphkit.readers import read
+from morphkit.scaling.scale import scaled_gains, scaled_start
 from morphkit.utils.staging import clear_leftovers, staged_folder
 
 
@@ -86,6 +87,7 @@ class _Listing:
 
     def __init__(self, out: TextIO, source: Description) -> None:
         self._out, self._source = out, source
+        self._morphology = read(source)
         self._begun = False
         self._comma = ""
 
@@ -99,8 +101,11 @@ class _Listing:
             variant.spliced,
             variant.limbs,
             (*variant.lost, *missing),
+            variant.scaled,
+            scaled_gains(self._source.info, self._morphology, variant.scaled),
+            self._own_start(variant),
         )
-        self._out.write(self._comma + "\n    " + _dump(asdict(entry)).replace("\n", "\n    "))
+        self._out.write(self._comma + "\n    " + _dump(entry.as_json()).replace("\n", "\n    "))
         self._comma = ","
 
     def close(self, rest: Mapping[str, Sequence[Any]]) -> None:
@@ -111,6 +116,11 @@ class _Listing:
             if value:
                 self._out.write(f',\n  "{key}": ' + _dump(value).replace("\n", "\n  "))
         self._out.write("\n}\n")
+
+    def _own_start(self, variant: Variant) -> dict[str, float]:
+        """Where the joints of a variant start, if scaling made that another place than the source's."""
+        start = scaled_start(self._source.info, self._morphology, variant.scaled)
+        return start if isinstance(start, dict) and start != self._source.info.start else {}
 
     def _begin(self, names: RobotInfo) -> None:
         if not self._begun:

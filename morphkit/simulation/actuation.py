@@ -141,9 +141,9 @@ def drives(model: mujoco.MjModel, actuators: Sequence[Actuator], start: np.ndarr
 
 def chosen_gains(model: mujoco.MjModel, own: Drive, given: Mapping[str, Sequence[float]]) -> Gains:
     """Gains of a joint's servo; see `drive`."""
-    for pattern, values in given.items():
-        if pattern == own.joint or fnmatchcase(own.joint, pattern):
-            return Gains(*values)
+    stated = gains_of(own.joint, given)
+    if stated is not None:
+        return stated
     if own.own is not None:
         return own.own
     inertia = max(float(model.dof_M0[own.dof]), 1e-9)
@@ -152,6 +152,12 @@ def chosen_gains(model: mujoco.MjModel, own: Drive, given: Mapping[str, Sequence
     stiffness = effort / own.deflection if math.isfinite(own.effort) else inertia * frequency**2
     stiffness = min(stiffness, inertia * (MOST_STEPS / model.opt.timestep) ** 2)
     return Gains(stiffness, 2 * math.sqrt(stiffness * inertia))
+
+
+def gains_of(joint: str, given: Mapping[str, Sequence[float]]) -> Gains | None:
+    """The gains that are given for a joint, those of the first name or pattern that matches; None without any."""
+    found = (Gains(*values) for pattern, values in given.items() if pattern == joint or fnmatchcase(joint, pattern))
+    return next(found, None)
 
 
 def _loads(model: mujoco.MjModel, start: np.ndarray) -> dict[int, tuple[float, float]]:

@@ -81,10 +81,10 @@ def stand(model: mujoco.MjModel, qpos: np.ndarray, root: int, touching: np.ndarr
     Returns:
         The pose, (nq,).
     """
-    upward, ground = _upward(model, root, posed=not np.array_equal(qpos, model.qpos0)), ground_height(model, touching)
-    if upward is None or ground is None:
+    above, ground = upward(model, root, posed=not np.array_equal(qpos, model.qpos0)), ground_height(model, touching)
+    if above is None or ground is None:
         return qpos
-    address, sign = upward
+    address, sign = above
     qpos = qpos.copy()
     qpos[address] += sign * (ground - lowest_point(model, root, qpos, touching))
     return qpos
@@ -140,15 +140,15 @@ def _keyframe(keyframes: Keyframes, start: str | Mapping[str, float], file: str)
     return next(iter([*named, *(qpos for _, qpos in usable)]), None)
 
 
-def _upward(model: mujoco.MjModel, root: int, *, posed: bool) -> tuple[int, float] | None:
-    """Coordinate of the root that lifts it, and the sign with which it does."""
+def upward(model: mujoco.MjModel, root: int, *, posed: bool = True) -> tuple[int, float] | None:
+    """The coordinate of the root that lifts it, and the sign with which it does; a slide's only if `posed`."""
     first = int(model.body_jntadr[root])
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     for joint in range(first, first + int(model.body_jntnum[root])):
         if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
             return int(model.jnt_qposadr[joint]) + 2, 1.0
-        upward = float(data.xaxis[joint, 2])
-        if posed and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE and abs(upward) > _VERTICAL:
-            return int(model.jnt_qposadr[joint]), float(np.sign(upward))
+        up = float(data.xaxis[joint, 2])
+        if posed and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE and abs(up) > _VERTICAL:
+            return int(model.jnt_qposadr[joint]), float(np.sign(up))
     return None

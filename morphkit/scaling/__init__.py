@@ -1,0 +1,1 @@
+"""Bodies of other proportions: lengths, masses and gains of a robot's limbs, scaled in its file."""
