@@ -11,7 +11,7 @@ from typing import Any
 from morphkit.errors import CheckpointError, OutputError
 from morphkit.utils.atomic_write import write_text
 from morphkit.utils.plain_files import append_plain, read_plain, require_plain
-from morphkit_rl.runs import trackers
+from morphkit_rl.runs import run_folder, trackers
 from morphkit_rl.runs.run_folder import METRICS
 from morphkit_rl.runs.schema import Row, parse
 
@@ -42,16 +42,27 @@ class MetricsLog:
         steps: Environment steps that the run starts from.
         updates: Updates that the run starts from.
         service: The tracker.
+
+    Raises:
+        CheckpointError: The rows that there are cannot be read.
+        OutputError: The folder cannot be written, or the tracker not be reached; of a run that just begins, nothing is
+            left then.
     """
 
     def __init__(self, run: Path, steps: int, updates: int, service: trackers.Service = "tensorboard"):
         self._service: trackers.Service = service
+        self.path = run / METRICS
+        fresh = not self.path.exists()
         kept = [row for row in read_metrics(run) if row["steps"] <= steps and row["updates"] <= updates]
         self._last = _moment(kept[-1]) if kept else None
-        self.path = run / METRICS
         write_text(self.path, "".join(json.dumps(row) + "\n" for row in kept), durable=True)
-        with self._named_errors():
-            self.tracker = trackers.open_tracker(run, service, steps)
+        try:
+            with self._named_errors():
+                self.tracker = trackers.open_tracker(run, service, steps)
+        except OutputError:
+            if fresh:
+                run_folder.remove_new(run)
+            raise
 
     def write(self, row: Mapping[str, Any]) -> None:
         """Append one row; numbers become points of curves, `returns` and `evaluation` some a robot.

@@ -91,6 +91,11 @@ def clear_unfinished(run: Path) -> None:
             folder.rmdir()
 
 
+def remove_new(run: Path) -> None:
+    """Remove a run that this process made and has not trained: all that is in it is ours."""
+    shutil.rmtree(run, ignore_errors=True)
+
+
 def checkpoint_names(run: Path) -> list[str]:
     """Names of the checkpoints that there are, oldest first."""
     folder = run / CHECKPOINTS

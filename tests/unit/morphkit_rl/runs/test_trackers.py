@@ -143,9 +143,21 @@ def test_what_a_service_refuses_is_one_line(
     def refuse(*_: Any, **__: Any) -> None:
         raise refusal("no API key\nlog in first")
 
+    run, accept = tmp_path / "run", recorder.init
+    message = f"run: cannot track with {name}: no API key$"
     monkeypatch.setattr(recorder, "init", refuse)
-    with pytest.raises(OutputError, match=f"run: cannot track with {name}: no API key$"):
-        train([load("hopper_3")], tmp_path / "run", small_config(f"trainer.track={name}"), steps=20)
+    with pytest.raises(OutputError, match=message):
+        train([load("hopper_3")], run, small_config(f"trainer.track={name}"), steps=20)
+    assert not run.exists(), "the same command works after a login"
+    monkeypatch.setattr(recorder, "init", accept)
+    train([load("hopper_3")], run, small_config(f"trainer.track={name}"), steps=20)
+    kept = (run / "metrics.jsonl").read_text()
+    monkeypatch.setattr(recorder, "init", refuse)
+    with pytest.raises(OutputError, match=message):
+        resume(run, steps=40)
+    assert (run / "metrics.jsonl").read_text() == kept
+    monkeypatch.setattr(recorder, "init", accept)
+    assert resume(run, steps=40).steps == 40
 
 
 def test_wandb_offline(tmp_path: Path, film: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -154,7 +166,11 @@ def test_wandb_offline(tmp_path: Path, film: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setenv("WANDB_DIR", str(tmp_path))
     train([load("hopper_3")], tmp_path / "run", small_config("trainer.track=wandb"), steps=20)
     finish(tmp_path / "run", "wandb", film)
-    first, second = sorted((tmp_path / "wandb").glob("offline-run-*"))
+    resume(tmp_path / "run", steps=40)
+    first, second, third = sorted((tmp_path / "wandb").glob("offline-run-*"), key=lambda path: path.stat().st_mtime)
+    tracked = (tmp_path / "run" / TRACKED).read_text().strip()
+    assert all(path.name.endswith(f"-{tracked}") for path in (first, second, third)), "parts of one run"
+    assert b"critic_loss" in b"".join(path.read_bytes() for path in third.glob("*.wandb"))
     written = b"".join(path.read_bytes() for path in first.glob("*.wandb"))
     for part in (b"critic_loss", b"replay_capacity", b"training returns"):
         assert part in written
@@ -171,10 +187,13 @@ def test_trackio_offline(tmp_path: Path, film: Path, monkeypatch: pytest.MonkeyP
     assert tmp_path / "t" == utils.TRACKIO_DIR
     train([load("hopper_3")], tmp_path / "run", small_config("trainer.track=trackio"), steps=20)
     finish(tmp_path / "run", "trackio", film)
+    resume(tmp_path / "run", steps=40)
     (database,) = (tmp_path / "t").glob("morphkit*.db")
     with sqlite3.connect(database) as connection:
         names = {row[0] for row in connection.execute("select distinct run_name from metrics")}
+        last = max(row[0] for row in connection.execute("select step from metrics"))
         text = "".join(str(row) for row in connection.execute("select * from metrics"))
-    assert names == {(tmp_path / "run" / TRACKED).read_text().strip()}
+    assert names == {(tmp_path / "run" / TRACKED).read_text().strip()}, "a resumed run is no second one"
+    assert last == 40
     for part in ("critic_loss", "training returns", "evaluation", "film/hopper_3"):
         assert part in text
