@@ -67,7 +67,7 @@ def limits_of(meshes: Sequence[Path]) -> Limits:
 
 
 def _sizes(meshes: Sequence[Path]) -> list[int]:
-    sizes = [path.stat().st_size for path in dict.fromkeys(meshes) if path.is_file()]
+    sizes = [path.stat().st_size for path in meshes if path.is_file()]
     return [size for size in sizes if size <= MESH_BYTES]
 
 
@@ -109,15 +109,15 @@ def _is_short(root: Any) -> bool:
 
 
 def _meshes(description: Description) -> list[Path]:
-    """The mesh files that a description names, each once; those that cannot be found are left out."""
-    return list(dict.fromkeys(_located(description)))
+    """The mesh files that a description names, once for each scale; those that cannot be found are left out."""
+    return [path for path, _ in dict.fromkeys(_located(description))]
 
 
-def _located(description: Description) -> Iterator[Path]:
+def _located(description: Description) -> Iterator[tuple[Path, str | None]]:
     find = partial(locate, description=description)
     for each in mentions(_whole(description), find):
         if each.element.tag in ("mesh", "skin", "hfield"):
             try:
-                yield find(each.reference)
+                yield find(each.reference), each.element.get("scale")
             except AssetError:
                 continue

@@ -16,7 +16,11 @@ MEMORY = 5 * 2**28
 BYTES_A_SECOND = 2**20
 """What is read of meshes in a second at least."""
 MEMORY_A_BYTE = 32
-"""Memory that a byte of a mesh takes at most, with its hull."""
+"""Memory that a byte of the largest mesh takes at most, with its hull."""
+KEPT_A_BYTE = 16
+"""Memory that a byte of another mesh takes at most once it was read."""
+MOST_KEPT = 2**26
+"""Bytes of the other meshes that count."""
 FACTOR = "MORPHKIT_LIMITS"
 """Variable of the environment by which both limits are multiplied."""
 ADVICE = f"if you trust the file, allow ten times as much with {FACTOR}=10"
@@ -44,14 +48,15 @@ class Limits:
         """Limits for a robot.
 
         Args:
-            total: Bytes of all its meshes.
+            total: Bytes of all its meshes, once for each scale.
             largest: Bytes of the largest.
 
         Raises:
             ConfigError: MORPHKIT_LIMITS is no positive number.
         """
         factor = _factor()
-        return cls(factor * (SECONDS + total / BYTES_A_SECOND), int(factor * (MEMORY + MEMORY_A_BYTE * largest)))
+        memory = MEMORY + MEMORY_A_BYTE * largest + KEPT_A_BYTE * min(total - largest, MOST_KEPT)
+        return cls(factor * (SECONDS + total / BYTES_A_SECOND), int(factor * memory))
 
     def bound_memory(self) -> None:
         """Set the limit on the memory of this process, now and for good; its death leaves no core file."""

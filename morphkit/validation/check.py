@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -25,7 +25,7 @@ from morphkit.validation import (
 )
 from morphkit.validation.document import CheckedDocument, elements, open_document
 from morphkit.validation.findings import Report
-from morphkit.validation.meshes import MeshFacts, check_meshes
+from morphkit.validation.meshes import MeshFacts, MeshUse, check_meshes
 from morphkit.validation.sandbox import Answer, probe
 
 Start = str | dict[str, float]
@@ -84,7 +84,7 @@ def _check_urdf(doc: CheckedDocument, path: Path, info: RobotInfo, *, deep: bool
     start = start_state(path, doc.document, info.start)
     urdf_joints.check_joints(doc, tree, start)
     inertials, uses = urdf_links.check_links(doc, tree)
-    answer = _probe_urdf(doc, path, [use.path for use in uses], start) if deep else Answer()
+    answer = _probe_urdf(doc, path, _read(uses), start) if deep else Answer()
     check_meshes(doc, uses, answer.meshes)
     urdf_inertia.check_masses(doc, tree, inertials, uses, answer.meshes)
     found = answer.robot or {}
@@ -104,6 +104,11 @@ def _probe_urdf(doc: CheckedDocument, path: Path, meshes: Sequence[Path], start:
     return probe(
         meshes, robot={"file": file, "source": doc.document.source.decode("latin-1"), **_folders(doc), "start": start}
     )
+
+
+def _read(uses: Iterable[MeshUse]) -> list[Path]:
+    """The mesh files of some uses, once for each scale."""
+    return [path for path, _ in dict.fromkeys((use.path, tuple(use.scale)) for use in uses)]
 
 
 def _folders(doc: CheckedDocument) -> dict[str, Any]:
@@ -133,7 +138,7 @@ def _check_mjcf(doc: CheckedDocument, path: Path, start: Start, *, deep: bool) -
     answer = Answer()
     if deep:
         model = {"source": text, "file": path.name, **_folders(doc), "start": start}
-        answer = probe([use.path for use in meshes.values()], model=model)
+        answer = probe(_read(meshes.values()), model=model)
     found = answer.model or {}
     mjcf_references.check_names(doc, found.get("names"))
     mjcf_references.check_unused(doc)

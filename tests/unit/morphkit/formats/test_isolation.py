@@ -118,6 +118,15 @@ def test_the_factor_has_to_be_a_number(text: str, monkeypatch: pytest.MonkeyPatc
         Limits.for_meshes(0, 0)
 
 
+def test_a_mesh_counts_once_for_each_scale(tmp_path: Path) -> None:
+    mesh = '<visual><geometry><mesh filename="m.stl" scale="{0} 1 1"/></geometry></visual>'
+    (tmp_path / "m.stl").write_bytes(bytes(2**25))
+    (tmp_path / "r.urdf").write_text(f'<robot name="r"><link name="a">{mesh.format(1)}{mesh.format(1)}</link></robot>')
+    assert compiling(load(tmp_path / "r.urdf")) == Limits.for_meshes(2**25, 2**25)
+    (tmp_path / "s.urdf").write_text(f'<robot name="r"><link name="a">{mesh.format(1)}{mesh.format(2)}</link></robot>')
+    assert compiling(load(tmp_path / "s.urdf")) == Limits.for_meshes(2**26, 2**25)
+
+
 def test_meshes_that_multiply(tmp_path: Path) -> None:
     (tmp_path / "r.urdf").write_text(urdf_with_mesh("m.dae"))
     (tmp_path / "m.dae").write_text(doubling_dae(2))
