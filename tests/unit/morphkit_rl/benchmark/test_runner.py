@@ -16,6 +16,7 @@ from morphkit_rl.benchmark import cells, runner
 from morphkit_rl.benchmark.bodies import Bodies
 from morphkit_rl.benchmark.cells import Cell, MatrixPlan
 from morphkit_rl.runs import metrics_log
+from morphkit_rl.runs.metrics_log import read_metrics
 from morphkit_rl.training.session import Session
 from morphkit_rl.training.trainer import Progress
 from tests.support.run_folders import small_config
@@ -24,10 +25,10 @@ STEPS, EARLIER = 240, 200
 CELL = Cell("few", "few", "limb-former", 0)
 
 
-def plan(*overrides: str) -> MatrixPlan:
+def plan(*overrides: str, steps: int = STEPS) -> MatrixPlan:
     config = small_config("trainer.start_steps=220", "trainer.checkpoint_seconds=0", *overrides)
     bodies = Bodies((load("hopper_3"),), (), (load("hopper_4"),))
-    return MatrixPlan(CELL, bodies, config, STEPS, None, 1, validate=False)
+    return MatrixPlan(CELL, bodies, config, steps, None, 1, validate=False)
 
 
 @contextmanager
@@ -35,9 +36,9 @@ def unwatched(_: MatrixPlan, __: int) -> Iterator[Callable[[Progress], None]]:
     yield lambda _: None
 
 
-def finish(matrix: Path, *overrides: str) -> dict[str, Any]:
+def finish(matrix: Path, *overrides: str, steps: int = STEPS) -> dict[str, Any]:
     """Run the cell to its end; what it holds then, but for what the clock said."""
-    (status,) = runner.run_matrix([plan(*overrides)], matrix, watch=unwatched)
+    (status,) = runner.run_matrix([plan(*overrides, steps=steps)], matrix, watch=unwatched)
     assert status.state == "done", status.detail
     run = CELL.folder(matrix) / cells.RUN
     result = {key: value for key, value in (status.result or {}).items() if key not in ("evaluated", "elapsed_s")}
@@ -61,15 +62,14 @@ def few_checkpoints(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_cell_ends_the_same_wherever_it_is_killed_around_its_last_checkpoint(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    matrix, moments = tmp_path / "matrix", dict[frozenset[tuple[Path, bytes]], Path]()
+    matrix, moments = tmp_path / "matrix", dict[frozenset[tuple[Path, bytes | bool]], Path]()
 
     def remember() -> None:
         """Keep what a kill would leave at this moment, from the last checkpoint on."""
         run = CELL.folder(matrix) / cells.RUN
         if any(path.name.startswith(f"step-{STEPS:012d}") for path in run.glob("checkpoints/step-*")):
-            held = frozenset(
-                (path.relative_to(matrix), path.read_bytes()) for path in matrix.rglob("*") if path.is_file()
-            )
+            paths = [path for path in matrix.rglob("*") if path.parent.suffix != ".tmp"]
+            held = frozenset((path.relative_to(matrix), path.is_file() and path.read_bytes()) for path in paths)
             if held not in moments:
                 moments[held] = shutil.copytree(matrix, tmp_path / f"killed-{len(moments)}")
 
@@ -93,9 +93,19 @@ def test_a_cell_ends_the_same_wherever_it_is_killed_around_its_last_checkpoint(
         assert [path for path in moment.rglob(".*") if path.name != ".lock"] == []
 
 
-@pytest.mark.usefixtures("few_checkpoints")
-def test_the_training_return_of_a_cell_does_not_depend_on_when_rows_were_written(tmp_path: Path) -> None:
-    often, rarely = (finish(tmp_path / str(s), f"trainer.log_seconds={s}") for s in (0.001, 1000))
+def test_the_training_return_of_a_cell_does_not_depend_on_when_rows_were_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runner, "FINAL_SHARE", 0.5)
+    unlearned = ("trainer.num_envs=8", "trainer.start_steps=2400", "trainer.checkpoint_seconds=1000")
+    often, rarely = (
+        finish(tmp_path / seconds, f"trainer.log_seconds={seconds}", *unlearned, steps=2400)
+        for seconds in ("0.0001", "1000")
+    )
+    rows = read_metrics(CELL.folder(tmp_path / "0.0001") / cells.RUN)
+    late = [row["return_mean"] for row in rows if row["steps"] >= 1200]
+    assert None not in late
+    assert len(set(late)) > 2, "else any row would do"
     assert often == rarely
 
 
