@@ -2,10 +2,10 @@
 
     python tools/kill_survival.py --kills 200 --seed 0
 
-Each round starts a program, sends SIGKILL to its process group after a random processor time (Linux), starts the same
-command once more, now to its end, and compares what it wrote with that of a run that nobody disturbed. `train` and
-`benchmark run` are killed, resumed and killed again until they end; their weights have to be the same bit by bit. A
-round counts as lost where the end differs, as half-written where temporary files are left.
+Each round starts a program, sends SIGKILL to its process group after a random processor time (Linux), and starts it
+again at once, up to four times; then once more, now to its end. What it wrote is compared with that of a run that
+nobody disturbed. `train` and `benchmark run` go on from where they were; their weights have to be the same bit by bit.
+A round counts as lost where the end differs, as half-written where temporary files are left.
 
 Programs are forked from this process, which has imported what they need: kills come while they work.
 """
@@ -45,7 +45,7 @@ tasks.few = ["few"]
 splits.few.few = {train = ["hopper_3"], test = ["hopper_4"]}
 """
 MOST_KILLS = 4
-"""Of one training run, or one matrix."""
+"""Of one output, before its program may end."""
 CLOCK = ("evaluated", "elapsed_s")
 """Keys of a result that say when it was made and how long that took."""
 
@@ -58,13 +58,12 @@ class Subject:
         arguments: Its words; `{}` stands for where it writes.
         again: The words after a kill.
         compared: Patterns of the files that have to be the same.
-        kills: How often it is killed at most before it may end.
     """
 
     def __init__(
-        self, name: str, arguments: tuple[str, ...], again: tuple[str, ...], compared: tuple[str, ...], kills: int = 1
+        self, name: str, arguments: tuple[str, ...], again: tuple[str, ...], compared: tuple[str, ...]
     ) -> None:
-        self.name, self.arguments, self.again, self.compared, self.kills = name, arguments, again, compared, kills
+        self.name, self.arguments, self.again, self.compared = name, arguments, again, compared
 
     def command(self, folder: Path, *, again: bool = False) -> list[str]:
         """The words after `morphkit` of a process that writes into `folder`."""
@@ -106,10 +105,8 @@ def subjects(definition: Path) -> list[Subject]:
         Subject("ablate", ablate, (*ablate, "--force"), ("family/**/*",)),
         Subject("convert", convert, (*convert, "--force"), ("robot*", "robot_assets/**/*")),
         Subject("export", export, export, ("policy.pt",)),
-        Subject(
-            "benchmark", matrix, matrix, ("matrix/**/checkpoints/*/*.safetensors", "matrix/**/result.json"), MOST_KILLS
-        ),
-        Subject("train", train, resume, ("run/checkpoints/*/*.safetensors",), MOST_KILLS),
+        Subject("benchmark", matrix, matrix, ("matrix/**/checkpoints/*/*.safetensors", "matrix/**/result.json")),
+        Subject("train", train, resume, ("run/checkpoints/*/*.safetensors",)),
     ]
 
 
@@ -189,7 +186,7 @@ def attack(subject: Subject, whole: dict[str, str], duration_s: float, chance: r
     with tempfile.TemporaryDirectory() as top:
         folder = Path(top) / "out"
         folder.mkdir()
-        for number in range(subject.kills):
+        for number in range(MOST_KILLS):
             again = number > 0 and subject.begun(folder)
             process = start(subject.command(folder, again=again), folder)
             if not killed(process, chance.uniform(0.05, 1.0) * duration_s):

@@ -10,14 +10,12 @@ import os
 import re
 import secrets
 import stat
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 from morphkit.errors import MorphkitError, OutputError
 
 _STEM, _TOKEN_BYTES = 40, 4  # in bytes, names are bounded
-_LOCKING_S = 10.0  # longer than any process needs from making a file to locking it
 _EXCLUSIVE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | getattr(os, "O_NOFOLLOW", 0)
 
 
@@ -100,22 +98,28 @@ def _make_temporary(path: Path) -> tuple[Path, int, int | None]:
         except FileExistsError:
             continue
         mode = stat.S_IMODE(os.fstat(descriptor).st_mode)
-        if _lock(descriptor):
+        locked = _lock(descriptor)
+        if locked and temporary.exists():
             return temporary, mode, descriptor
         os.close(descriptor)
-        return temporary, mode, None
+        if locked is None:
+            return temporary, mode, None
+        temporary.unlink(missing_ok=True)  # another process took it for a dead one's, before it was locked
 
 
-def _lock(descriptor: int) -> bool:
-    """Lock an open file until it is closed; False where it is locked already, or nothing can be."""
+def _lock(descriptor: int) -> bool | None:
+    """Lock an open file until it is closed; False where another process has it locked, None where nothing can be."""
     if os.name != "posix":
-        return False
+        return None
     import fcntl
 
-    with contextlib.suppress(OSError):
+    try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return True
-    return False
+    except BlockingIOError:
+        return False
+    except OSError:
+        return None
+    return True
 
 
 def _sweep(path: Path) -> None:
@@ -131,7 +135,7 @@ def _sweep(path: Path) -> None:
             try:
                 found = os.fstat(descriptor)
                 ours = stat.S_ISREG(found.st_mode) and found.st_uid == os.getuid()
-                if ours and time.time() - found.st_mtime > _LOCKING_S and _lock(descriptor):
+                if ours and _lock(descriptor):
                     left.unlink()
             finally:
                 os.close(descriptor)

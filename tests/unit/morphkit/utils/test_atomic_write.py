@@ -6,12 +6,12 @@ import os
 import re
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
 from morphkit.errors import OutputError
+from morphkit.utils import atomic_write
 from morphkit.utils.atomic_write import temporary_names, write_atomically, write_output, write_text
 
 
@@ -100,7 +100,6 @@ def test_what_a_killed_process_left_is_swept_and_what_is_being_written_stays(tmp
         assert process.stdout
         process.stdout.readline()
         (temporary,) = {*tmp_path.iterdir()} - before
-        os.utime(temporary, (time.time() - 60,) * 2)
         return process, temporary
 
     killed, left = begin()
@@ -115,3 +114,26 @@ def test_what_a_killed_process_left_is_swept_and_what_is_being_written_stays(tmp
     finally:
         other.kill()
         other.wait()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs file locks")
+@pytest.mark.parametrize("swept", ["before it was locked", "while another held it"])
+def test_a_temporary_file_that_another_process_swept_is_made_again(
+    swept: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lock, made = atomic_write._lock, list[Path]()
+
+    def late(descriptor: int) -> bool | None:
+        made.extend(tmp_path.glob(".file.*"))
+        if len(made) > 1:
+            return lock(descriptor)
+        if swept == "before it was locked":
+            made[0].unlink()
+            return lock(descriptor)
+        return False
+
+    monkeypatch.setattr(atomic_write, "_lock", late)
+    write_text(tmp_path / "file.txt", "whole")
+    assert len(set(made)) == 2
+    assert {*tmp_path.iterdir()} == {tmp_path / "file.txt"}
+    assert (tmp_path / "file.txt").read_text() == "whole"
