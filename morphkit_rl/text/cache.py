@@ -40,35 +40,48 @@ class EmbeddingCache:
 
     def get(self, texts: Iterable[str]) -> dict[str, np.ndarray]:
         """Return the vectors, shape (size,), of those texts that are there."""
-        found: dict[str, np.ndarray] = {}
         try:
-            if not self.file.is_file():
-                return found
-            with self._connection() as connection:
-                if not connection.execute(_MADE).fetchone():  # Another process has the file open to make the table.
-                    return found
-                for text in texts:
-                    row = connection.execute("SELECT vector, crc FROM embeddings WHERE text = ?", (text,)).fetchone()
-                    vector = None if row is None else self._unpack(text, *row)
-                    if vector is not None:
-                        found[text] = vector
+            if self.file.is_file():
+                with self._connection() as connection:
+                    if connection.execute(_MADE).fetchone():  # Another process may have the file open to make it.
+                        return self._select(connection, texts)
         except (sqlite3.Error, OSError) as error:
             self._handle(error)
-        return found
+        return {}
 
-    def put(self, vectors: Mapping[str, np.ndarray]) -> None:
-        """Keep vectors of shape (size,); does nothing but warn where that fails."""
-        rows = [(text, *self._pack(text, vector)) for text, vector in vectors.items()]
+    def put(self, vectors: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Keep vectors of shape (size,), but for texts that another process has kept meanwhile.
+
+        The same text may have other last bits from another batch; who comes first is right, so that a run that goes on
+        later reads what it began with.
+
+        Returns:
+            The vectors that count; those given where they cannot be kept, which costs a warning.
+        """
         for _ in range(2):  # The second time on a new file, where the first one turned out to be damaged.
             try:
                 self.file.parent.mkdir(parents=True, exist_ok=True)
                 with self._connection() as connection, connection:
                     connection.execute(_TABLE)
+                    connection.execute("BEGIN IMMEDIATE")
+                    kept = self._select(connection, vectors)
+                    rows = [(text, *self._pack(text, vectors[text])) for text in vectors.keys() - kept.keys()]
                     connection.executemany("INSERT OR REPLACE INTO embeddings VALUES (?, ?, ?)", rows)
-                return
+                return {**vectors, **kept}
             except (sqlite3.Error, OSError) as error:
                 if not self._handle(error):
-                    return
+                    break
+        return dict(vectors)
+
+    def _select(self, connection: sqlite3.Connection, texts: Iterable[str]) -> dict[str, np.ndarray]:
+        """The vectors of those texts that are there, and whole."""
+        found: dict[str, np.ndarray] = {}
+        for text in texts:
+            row = connection.execute("SELECT vector, crc FROM embeddings WHERE text = ?", (text,)).fetchone()
+            vector = None if row is None else self._unpack(text, *row)
+            if vector is not None:
+                found[text] = vector
+        return found
 
     @contextmanager
     def _connection(self) -> Iterator[sqlite3.Connection]:

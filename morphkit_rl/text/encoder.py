@@ -75,8 +75,7 @@ class TextEncoder:
             left = [text for text in missing if text not in self._known]
             for first in range(0, len(left), _KEPT_TOGETHER):  # what is done is kept where the rest is interrupted
                 new = self._encode_new(left[first : first + _KEPT_TOGETHER])
-                self._cache.put(new)
-                self._known.update(new)
+                self._known.update(self._cache.put(new))
         result = np.empty((len(texts), self.size), dtype=np.float32)
         for row, text in enumerate(texts):
             result[row] = self._known[text]

@@ -54,6 +54,37 @@ def test_cache_keeps_vectors_exactly(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again["a"], np.array([1, 1e-30, np.pi], np.float32))
 
 
+def test_what_is_kept_first_counts_for_all_processes(tmp_path: Path) -> None:
+    first, other = (np.array([1, value], np.float32) for value in (0.5, 0.5000001))
+    assert not np.array_equal(first, other)
+    EmbeddingCache("m", 2, tmp_path).put({"a": first})
+    late = EmbeddingCache("m", 2, tmp_path).put({"b": other, "a": other})
+    found = EmbeddingCache("m", 2, tmp_path).get(["a", "b"])
+    for vectors in (late, found):
+        np.testing.assert_array_equal(vectors["a"], first)
+        np.testing.assert_array_equal(vectors["b"], other)
+
+
+def test_what_is_kept_but_damaged_is_replaced(tmp_path: Path) -> None:
+    cache, vector = EmbeddingCache("m", 2, tmp_path), np.ones(2, np.float32)
+    cache.put({"a": vector})
+    with closing(sqlite3.connect(cache.file)) as connection, connection:
+        connection.execute("UPDATE embeddings SET crc = crc + 1")
+    assert cache.get(["a"]) == {}
+    assert list(cache.put({"a": 2 * vector})) == ["a"]
+    np.testing.assert_array_equal(cache.get(["a"])["a"], 2 * vector)
+
+
+def test_an_encoder_uses_what_another_process_kept_meanwhile(
+    tiny_bert: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    encoder = TextEncoder(str(tiny_bert), cache_dir=tmp_path)
+    monkeypatch.setattr(encoder._cache, "get", lambda _: {})
+    kept = np.arange(8, dtype=np.float32)
+    EmbeddingCache(f"{encoder.source.identity}-{encoder.pooling}", 8, tmp_path).put({TEXTS[0]: kept})
+    np.testing.assert_array_equal(encoder.encode(TEXTS)[0], kept)
+
+
 @pytest.mark.parametrize("damage", ["garbage", "cut", "other table", "zeros"])
 def test_a_damaged_cache_is_built_anew(
     damage: str, tiny_bert: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
