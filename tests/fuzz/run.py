@@ -29,7 +29,7 @@ And how many examples of each a slow machine tries in a minute for all of them.
 """
 SECONDS_AN_EXAMPLE = 20
 """Processor time, that of processes which an example starts included."""
-MOST_SECONDS = 120
+MOST_SECONDS = 600
 """Time until an example counts as hanging; others may want the same cores."""
 SECONDS_A_WORKER = 150
 MOST_MEMORY = 2 * 1024**3
