@@ -258,9 +258,11 @@ def _is_about(element: Any, child: Any, own: _Hit | None) -> bool:
     """Whether an element means nothing without a child that went.
 
     The child says which joint, link or value it is about and is the last one that does; or it was all that there was,
-    and meant nothing without a part that went.
+    and meant nothing without a part that went. A parameter with a name, `<param name="tip">`, is one of several.
     """
     if own is None:
         return next(element.iterchildren("*"), None) is None
+    if own.key == "" and child.get("name"):
+        return len(element) == 0
     says = _ROLE.search(_tag(child).lower()) or own.key in ("", *_VALUES)
     return bool(says) and element.find(str(child.tag)) is None

@@ -54,6 +54,9 @@ def without_shin(extra: str) -> tuple[str, Variant]:
         ('<calib><target>shin</target></calib>', ""),
         ('<set><param name="tip" value="shin"/><param name="rate" value="5"/></set>',
          '<set><param name="rate" value="5"/></set>'),
+        ('<ros2_control name="s"><hardware><plugin>x</plugin><param name="tip">shin</param></hardware></ros2_control>',
+         '<ros2_control name="s"><hardware><plugin>x</plugin></hardware></ros2_control>'),
+        ('<gazebo><plugin name="p"><param name="tip">shin</param></plugin><b/></gazebo>', "<gazebo><b/></gazebo>"),
         ('<x:spring xmlns:x="u"><x:joint name="knee"/></x:spring>', ""),
     ],
 )  # fmt: skip
