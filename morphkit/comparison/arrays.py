@@ -62,8 +62,10 @@ _DERIVED = re.compile(
 )
 _LOOKS = re.compile(
     r".*(rgba|matid|_group|_user|_width|body_contype|body_conaffinity|body_margin)|cam_(ipd|user)|site_(size|type)"
-    r"|geom_(type|size|pos|quat|aabb|rbound)|(pair|exclude)_signature"
+    r"|geom_(aabb|rbound)|(pair|exclude)_signature"
 )
+_SHAPE = ("geom_type", "geom_size", "geom_pos", "geom_quat")
+"""What counts of the geoms that touch others; of those that only show it is looks."""
 _REFERENCE = re.compile(r"(site|cam|geom)_bodyid|cam_targetbodyid|eq_obj[12]id|sensor_(obj|ref)id|pair_geom[12]")
 
 
@@ -97,7 +99,9 @@ def _rows(mechanics: Mechanics, kind: str, arrays: dict[str, np.ndarray]) -> Ite
         name = mujoco.mj_id2name(model, of_type, number) or _unnamed(model, kind, number)
         row: Row = {"limb": _limb(mechanics, kind, number)}
         row |= {array: _reference(model, array, number) or _value(values[number]) for array, values in own.items()}
-        if kind == "body" and name not in limbs:
+        if kind == "geom" and not _touches(model, number):
+            row = {array: value for array, value in row.items() if array not in _SHAPE}
+        if kind == "body" and (name not in limbs or model.body_parentid[number] == 0):
             row |= {each: _value(getattr(model, each)[number]) for each in ("body_pos", "body_quat")}
         if kind == "joint":
             row |= _of_joint(model, number, arrays)
@@ -106,6 +110,12 @@ def _rows(mechanics: Mechanics, kind: str, arrays: dict[str, np.ndarray]) -> Ite
         if kind == "tendon":
             row["path"] = _path(model, number)
         yield name, row
+
+
+def _touches(model: mujoco.MjModel, geom: int) -> bool:
+    """Whether anything can touch a geom, by its bits or by a pair."""
+    paired = (model.pair_geom1 == geom).any() or (model.pair_geom2 == geom).any()
+    return bool(model.geom_contype[geom] or model.geom_conaffinity[geom] or paired)
 
 
 def _couples_joints(model: mujoco.MjModel, equality: int) -> bool:

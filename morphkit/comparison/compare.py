@@ -84,8 +84,8 @@ class Comparison:
 def compare(first: Description, second: Description, *, tolerance: float = 1e-6) -> Comparison:
     """Compare two robots by what they are: limbs, joints, actuators, masses and tokens.
 
-    Of two MJCFs also by every array of their compiled models, name by name; see `comparison.arrays`. Sizes and places
-    of shapes, looks, comments and the order of elements that have no tokens do not count; how shapes touch does.
+    Of two MJCFs also by every array of their compiled models, name by name; see `comparison.arrays`. Meshes, shapes
+    that touch nothing, looks, comments and the order of elements that have no tokens do not count.
 
     Args:
         first: A robot.

@@ -94,6 +94,27 @@ def test_how_shapes_touch_is_found(change: str, expected: list[str]) -> None:
     assert found == changed("geom", "of leg number 0", *expected)
 
 
+WEIGHED = """<mujoco><worldbody><body name="torso" pos="{place} 0 1"><freejoint/>
+  <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom name="hull" type="box" size=".1 .1 {size}" {touch}/>
+</body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("place", "size", "touch", "expected"),
+    [
+        ("0", ".2", "", {("geom", "hull", "geom_size")}),
+        ("0", ".2", 'contype="0" conaffinity="0"', set()),
+        (".5", ".1", "", {("body", "torso", "body_pos")}),
+    ],
+)
+def test_shapes_count_where_they_touch_and_roots_where_they_stand(
+    place: str, size: str, touch: str, expected: set[tuple[str, str, str]]
+) -> None:
+    texts = (WEIGHED.format(place=each, size=wide, touch=touch) for each, wide in (("0", ".1"), (place, size)))
+    first, second = (Description("r", "r.xml", "mjcf", text.encode()) for text in texts)
+    assert {(change.subject, change.name, change.fact) for change in compare(first, second).changes} == expected
+
+
 def test_how_meshes_touch_is_found_without_their_files() -> None:
     text = """<mujoco><asset><mesh name="m" file="nowhere.obj"/></asset><worldbody><body name="b"><freejoint/>
       <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
