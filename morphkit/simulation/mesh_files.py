@@ -130,6 +130,8 @@ def load_mesh(path: Path, *, merged: bool = True) -> Any:
             mesh = trimesh.load(io.BytesIO(without_materials(path)), file_type="dae", force="mesh")
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
         raise AssetError(f"{path}: holds no triangles")
+    if mesh.vertices.shape[1:] != (3,):
+        raise AssetError(f"{path}: cannot be read as a mesh: its vertices have {mesh.vertices.shape[1]} coordinates")
     if not 0 <= mesh.faces.min() <= mesh.faces.max() < len(mesh.vertices):
         raise AssetError(f"{path}: cannot be read as a mesh: a face names a vertex that is not there")
     factor = _meters(mesh.units) if collada else 1.0
