@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from morphkit_rl.algorithms.normalizer import Normalizer
 from morphkit_rl.algorithms.policy import Policy
 from morphkit_rl.algorithms.return_normalizer import ReturnNormalizer
 from morphkit_rl.algorithms.td3 import TD3, resolve_precision
+from morphkit_rl.algorithms.view import View, part_of
 from morphkit_rl.buffers.replay_buffer import Batch
 from morphkit_rl.config.methods import find_method
 from morphkit_rl.config.train_config import TrainConfig
@@ -30,21 +30,6 @@ from morphkit_rl.text.embedder import TokenEmbedder
 from morphkit_rl.text.tuning import make_tuner
 
 
-@dataclass(frozen=True, eq=False)
-class View:
-    """Some robots side by side, as the networks see them.
-
-    Attributes:
-        layout: Where their tokens, limbs and actions are.
-        quantities: Row of observation statistics of each token.
-        robots: Number of each robot among those of training; -1 for others.
-    """
-
-    layout: Layout
-    quantities: np.ndarray
-    robots: np.ndarray
-
-
 class Agent:
     """Acts for and learns from several robots.
 
@@ -53,6 +38,7 @@ class Agent:
         specs: The training robots.
         device: Torch device.
         start: The policy to go on from; None begins anew.
+        critic_specs: The same robots as critics see them, with all tokens of `specs`; None where these see the same.
 
     Attributes:
         robots: All training robots side by side.
@@ -62,7 +48,14 @@ class Agent:
         ConfigError: There is no such method, or it cannot express one of the robots.
     """
 
-    def __init__(self, config: TrainConfig, specs: Sequence[TokenSpec], device: str, start: Policy | None = None):
+    def __init__(
+        self,
+        config: TrainConfig,
+        specs: Sequence[TokenSpec],
+        device: str,
+        start: Policy | None = None,
+        critic_specs: Sequence[TokenSpec] | None = None,
+    ):
         self.config, self.device, self.start = config, device, start
         self.method = find_method(config.model.method)
         check_augmentation(config.augment, self.method.name, config.text.tune)
@@ -78,6 +71,7 @@ class Agent:
             self.embedder.size,
             learner=config.learner,
             vocabulary=self.vocabulary,
+            critic_vocabulary=None if critic_specs is None else Vocabulary.of(critic_specs),
             tune=make_tuner(config.text.tune, self.embedder, self.vocabulary.texts),
             device=device,
             precision=resolve_precision(config.trainer.precision, device),
@@ -89,14 +83,16 @@ class Agent:
             keys, statistics = fine_tuning.take_over_statistics(start)
             self.normalizer.load_state_dict(statistics, keys)
         self.normalizer.index(specs, grow=True)
+        self.normalizer.index(critic_specs or (), grow=True)
         self.returns = None
         if config.learner.normalize_returns:
             self.returns = ReturnNormalizer(
                 len(specs), config.trainer.num_envs, config.td3.discount, config.learner.support
             )
-        self.robots = self.view(specs)
-        self.each = [self.view([spec]) for spec in specs]
-        self._standard: dict[View, tuple[Tensor | None, Tensor | None]] = {}
+        self.robots = self.view(specs, critic_specs)
+        seen = [None] * len(specs) if critic_specs is None else [[spec] for spec in critic_specs]
+        self.each = [self.view([spec], own) for spec, own in zip(specs, seen, strict=True)]
+        self._standard: dict[View, tuple[Tensor, Tensor]] = {}
         self._reward_scale: dict[View, Tensor] = {}
         self._augmentations: dict[View, Augmentation | None] = {}
 
@@ -123,8 +119,12 @@ class Agent:
         known = self.vocabulary if self.start is None else self.start.vocabulary
         self.method.check(spec, self.config.model, known)
 
-    def view(self, specs: Sequence[TokenSpec]) -> View:
+    def view(self, specs: Sequence[TokenSpec], critic_specs: Sequence[TokenSpec] | None = None) -> View:
         """Robots, of training or not, side by side.
+
+        Args:
+            specs: The robots.
+            critic_specs: As critics see them; None where these see the same, or for robots that are not learned from.
 
         Raises:
             ConfigError: The method cannot express one of them.
@@ -134,10 +134,12 @@ class Agent:
         layout = self._lay_out(specs)
         place = {name: number for number, name in enumerate(self.vocabulary.robots)}
         robots = np.array([place.get(spec.morphology, -1) for spec in specs])
-        return View(layout, self.normalizer.index(specs), robots)
+        if critic_specs is not None:
+            layout = part_of(layout, critic_specs, self.method.actions)
+        return View(layout, self.normalizer.index(layout.stored.specs), robots)
 
     def observe(self, obs: np.ndarray) -> None:
-        """Add observations (batch, tokens) of all training robots to the statistics; see `refresh`."""
+        """Add observations of all training robots, (batch, stored tokens), to the statistics; see `refresh`."""
         if self.config.trainer.normalize:
             self.normalizer.update(obs, self.robots.quantities)
 
@@ -168,6 +170,10 @@ class Agent:
         view = view or self.robots
         return self.learner.act(obs, *self._scale_and_shift(view), view.layout, final=final)
 
+    def explore(self, obs: np.ndarray) -> np.ndarray:
+        """`act` for all training robots at observations as they are stored, (batch, stored tokens)."""
+        return self.act(self.robots.part(obs))
+
     def update(
         self, batch: Batch, rng: np.random.Generator, view: View | None = None, number: int | None = None
     ) -> dict[str, Tensor]:
@@ -185,7 +191,7 @@ class Agent:
         view = view or self.robots
         return self.learner.update(
             batch,
-            *self._scale_and_shift(view),
+            *self._scale_and_shift(view, stored=True),
             view.layout,
             rng,
             number,
@@ -219,7 +225,7 @@ class Agent:
             "precision": self.learner.precision,
             "quantities": self.normalizer.keys,
             "vocabulary": self.vocabulary.to_dict(),
-            "token_texts": run_settings.texts_digest(self.robots.layout.specs),
+            "token_texts": self._texts_digest(),
         }
 
     def restore(self, folder: Path, state: Mapping[str, Any]) -> None:
@@ -229,7 +235,7 @@ class Agent:
             CheckpointError: It is damaged, or belongs to other robots, another method or another size.
         """
         checkpoint.check_method(folder, state, self.method.name)
-        if state["token_texts"] != run_settings.texts_digest(self.robots.layout.specs):
+        if state["token_texts"] != self._texts_digest():
             raise CheckpointError(f"{folder}: made for robots with other tokens than those of this run")
         if state["quantities"] != self.normalizer.keys:
             raise CheckpointError(f"{folder}: made for robots with other quantities than those of this run")
@@ -252,14 +258,19 @@ class Agent:
         self.learner.updates, self.learner.precision = state["updates"], state["precision"]
         self.refresh()
 
-    def _scale_and_shift(self, view: View) -> tuple[Tensor | None, Tensor | None]:
+    def _texts_digest(self) -> str:
+        layout = self.robots.layout
+        return run_settings.texts_digest((*layout.specs, *(layout.whole.specs if layout.whole else ())))
+
+    def _scale_and_shift(self, view: View, *, stored: bool = False) -> tuple[Tensor | None, Tensor | None]:
         if not self.config.trainer.normalize:
             return None, None
         if view not in self._standard:
             arrays = self.normalizer.scale_and_shift(view.quantities)
             scale, shift = (torch.from_numpy(array).to(self.device) for array in arrays)
             self._standard[view] = scale, shift
-        return self._standard[view]
+        scale, shift = self._standard[view]
+        return (scale, shift) if stored else (view.layout.part(scale), view.layout.part(shift))
 
     def _lay_out(self, specs: Sequence[TokenSpec]) -> Layout:
         return build_layout(specs, self.embedder, self.device, actions=self.method.actions)

@@ -34,6 +34,7 @@ class TD3:
         embedding_size: Size of a token's text embedding.
         learner: Critics, their loss and step sizes; default: those of TD3 and the method.
         vocabulary: What the method must know of the training robots.
+        critic_vocabulary: The same for perceptron critics, where these see more than the actor.
         tune: Makes a network's own text embeddings; None: they are frozen.
         device: Where the networks live.
         precision: `float32`, or `bfloat16` for the transformer layers; parameters are float32.
@@ -50,6 +51,7 @@ class TD3:
         *,
         learner: LearnerConfig | None = None,
         vocabulary: Vocabulary | None = None,
+        critic_vocabulary: Vocabulary | None = None,
         tune: Callable[[], nn.Module] | None = None,
         device: str = "cpu",
         precision: str = "float32",
@@ -58,7 +60,9 @@ class TD3:
         self.device = find_device(device)
         self.precision = precision
         self.critic_loss = make_critic_loss(self.options, self.device)
-        self._build = lambda: build_networks(model, self.options, embedding_size, vocabulary, tune)
+        self._build = lambda: build_networks(
+            model, self.options, embedding_size, vocabulary, tune, critic_vocabulary or vocabulary
+        )
         actor, critic = self._build()
         for network in (actor, critic):
             set_precision(network, getattr(torch, precision))
@@ -91,8 +95,8 @@ class TD3:
         A robot's reward holds for each of its values. Losses are means over a robot's values, then over the robots.
 
         Args:
-            batch: Transitions of the layout's robots, raw observations.
-            scale: (tokens,) factor that normalizes observations; None leaves them as they are.
+            batch: Transitions of the layout's robots, raw observations of the layout `stored`.
+            scale: (tokens,) factor that normalizes these; None leaves them as they are.
             shift: (tokens,) summand that normalizes observations; None as with `scale`.
             layout: The robots.
             rng: Source of the target noise and of what is shown.
@@ -104,13 +108,13 @@ class TD3:
             Scalars: `critic_loss` and `q_mean`, with `actor_loss` where the actor was updated.
         """
         obs, next_obs = (normalize(self._tensor(rows), scale, shift) for rows in (batch.obs, batch.next_obs))
-        robot = self.critic.value_robot(layout)
+        robot = self.critic.value_robot(layout.stored)
         values = robot.new_zeros(layout.num_robots).index_add(0, robot, torch.ones_like(robot))  # bincount would wait
         share = 1 / (layout.num_robots * values[robot])
         factor = self.config.reward_scale * (1.0 if reward_scale is None else reward_scale)
         reward = self._tensor(batch.reward) * factor
         target = self._target(next_obs, reward[:, robot], self._tensor(batch.discount)[:, robot], layout, rng)
-        output = self.critic(obs, self._tensor(batch.action), layout)
+        output = self.critic(obs, self._tensor(batch.action), layout.stored)
         critic_loss = (self.critic_loss.error(output, target).mean(1) * share).sum()
         self._step(critic_loss, self.critic_optimizer, self.critic)
         unscaled = share if reward_scale is None else share / reward_scale[robot]
@@ -139,15 +143,16 @@ class TD3:
         shape = len(next_obs), layout.num_actions
         drawn = rng.standard_normal(shape, dtype=np.float32) * self.config.target_noise
         noise = self._tensor(drawn.clip(-self.config.target_noise_clip, self.config.target_noise_clip))
-        next_action = (self.actor_target(next_obs, layout) + noise).clamp(-1, 1)
-        return self.critic_loss.target(self.critic_target(next_obs, next_action, layout), reward, discount)
+        next_action = (self.actor_target(layout.part(next_obs), layout) + noise).clamp(-1, 1)
+        return self.critic_loss.target(self.critic_target(next_obs, next_action, layout.stored), reward, discount)
 
     def _update_actor(self, obs: Tensor, layout: Layout, share: Tensor, shown: Shown, shift: Tensor | None) -> Tensor:
         """Climb the critics; the loss."""
         members = 1 if self.options.actor_objective == "first" else 2
         self.critic.requires_grad_(False)
-        action = self.actor(shown.observe(obs, shift), shown.layout)
-        q = self.critic_loss.expectation(self.critic(obs, action, layout, members=members)).mean(0)
+        own = shown.observe(layout.part(obs), None if shift is None else layout.part(shift))
+        action = self.actor(own, shown.layout)
+        q = self.critic_loss.expectation(self.critic(obs, action, layout.stored, members=members)).mean(0)
         self.critic.requires_grad_(True)
         loss = -(q.mean(0) * share).sum()
         if self.config.saturation_penalty > 0:
@@ -231,15 +236,16 @@ def build_networks(
     embedding_size: int,
     vocabulary: Vocabulary | None = None,
     tune: Callable[[], nn.Module] | None = None,
+    critic_vocabulary: Vocabulary | None = None,
 ) -> tuple[Any, Any]:
-    """The actor of a method, and the twin critics of the method or of the learner.
+    """The actor of a method, and the twin critics of the method or, made for `critic_vocabulary`, of the learner.
 
     Raises:
         ConfigError: There is no such method, or its critics cannot give categorical values.
     """
     actor, critic = build(model, embedding_size, vocabulary, tune)
     if learner.critic == "perceptron":
-        return actor, build_perceptron_critic(learner, vocabulary or Vocabulary())
+        return actor, build_perceptron_critic(learner, critic_vocabulary or vocabulary or Vocabulary())
     if learner.value == "categorical":
         raise ConfigError("learner.value = 'categorical' needs learner.critic = 'perceptron'")
     return actor, critic

@@ -108,6 +108,8 @@ class TrainerConfig:
         normalize: Whether observations are standardized by running statistics.
         observation: `fixed`, or `legacy` with the published code's defects.
         sensors: Quantities that are observed, such as `position`, or `no_ltv`: all but `type`; none named: all.
+        critic_sensors: What perceptron critics see besides what the policy does, named as `sensors` are; none: the
+            same. Critics are not saved with a policy, which needs its own sensors only.
         actuation: How motors are driven: `torque`, `position`, `as-file`, or `default`: by position on a free base
             whose file has no actuators, otherwise as the file says.
         control_frequency: Control steps per second, Hz; 0 for the robot's own, else the task's.
@@ -132,6 +134,7 @@ class TrainerConfig:
     normalize: bool = True
     observation: Literal["fixed", "legacy"] = "fixed"
     sensors: tuple[str, ...] = ()
+    critic_sensors: tuple[str, ...] = ()
     actuation: Literal["default", "torque", "position", "as-file"] = "default"
     control_frequency: float = 0.0
     evaluate_steps: int = 0
@@ -157,6 +160,13 @@ class TrainConfig:
     learner: LearnerConfig = field(default_factory=LearnerConfig)
     augment: AugmentConfig = field(default_factory=AugmentConfig)
     trainer: TrainerConfig = field(default_factory=TrainerConfig)
+
+    def __post_init__(self) -> None:
+        if self.trainer.critic_sensors and self.learner.critic != "perceptron":
+            raise ConfigError(
+                "trainer.critic_sensors needs learner.critic = 'perceptron': the critics of a published method see what"
+                " its policy sees"
+            )
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Sections and their settings, as JSON and TOML can hold them."""

@@ -70,6 +70,8 @@ class Layout:
         robot_limbs: (robots, limbs) weights that average over a robot's limbs.
         action_robot: (actions,) robot of each action column.
         hides_limbs: Whether limbs of a robot are foreign to others of it.
+        whole: The same robots with more tokens, of which this layout has a part; None where this is all there is.
+        columns: (tokens,) column of each token in an observation row of `whole`; None without one.
     """
 
     specs: tuple[TokenSpec, ...]
@@ -94,6 +96,17 @@ class Layout:
     robot_limbs: Tensor
     action_robot: Tensor
     hides_limbs: bool = False
+    whole: Layout | None = None
+    columns: Tensor | None = None
+
+    @property
+    def stored(self) -> Layout:
+        """The layout of observation rows in replay, which critics see."""
+        return self.whole or self
+
+    def part(self, rows: Tensor) -> Tensor:
+        """What this layout has of rows of `stored`, (..., tokens)."""
+        return rows if self.columns is None else rows.index_select(-1, self.columns)
 
     @property
     def num_robots(self) -> int:

@@ -209,10 +209,11 @@ def prepare_robot(
     task: str | Task | None = None,
     base: Base | None = None,
     drawn: bool = False,
+    critics: bool = False,
 ) -> Robot:
     """A robot with the tokens that `config` asks for; `task` and `base` default to the robot's own.
 
-    Its textures are read only where it is `drawn`.
+    Its textures are read only where it is `drawn`. What critics see matters to `critics` only.
     """
     trainer = config.trainer
     return prepare(
@@ -226,6 +227,7 @@ def prepare_robot(
         drawn=drawn,
         actuation=None if trainer.actuation == "default" else trainer.actuation,
         control_frequency=trainer.control_frequency or None,
+        critic_sensors=trainer.critic_sensors if critics else (),
     )
 
 

@@ -31,7 +31,7 @@ class Collector:
 
     Args:
         robots: The training robots.
-        layout: The same robots in rows.
+        layout: The same robots in rows, with all that is stored of them.
         config: Numbers of environments and of transitions, kind of observation.
         seed: Seed of the start states.
 
@@ -52,7 +52,7 @@ class Collector:
             [robot.simulation for robot in robots],
             [robot.task for robot in robots],
             config.num_envs,
-            specs=[robot.spec for robot in robots],
+            specs=[robot.seen for robot in robots],
             observation=config.observation,
             seed=seed,
         )

@@ -232,7 +232,7 @@ def _explore(config: TrainConfig, agent: Agent, collector: Collector, rng: np.ra
     if agent.start is None and _warm_up(config, collector):
         return rng.uniform(-1, 1, shape).astype(np.float32)
     noise = rng.standard_normal(shape, dtype=np.float32) * _noise_levels(config)
-    return (agent.act(collector.obs) + noise).clip(-1, 1)
+    return (agent.explore(collector.obs) + noise).clip(-1, 1)
 
 
 def _noise_levels(config: TrainConfig) -> np.ndarray | float:

@@ -42,8 +42,8 @@ class Session:
         config = settings.config
         self.settings = settings
         robots, validation = (
-            [run_settings.prepare_robot(config, d, task=settings.task, base=settings.base) for d in descriptions]
-            for descriptions in (settings.robots, settings.validation)
+            [run_settings.prepare_robot(config, d, task=settings.task, base=settings.base, critics=c) for d in group]
+            for group, c in ((settings.robots, True), (settings.validation, False))
         )
         for robot in (*robots, *validation):
             if not robot.spec.actuators:
@@ -54,13 +54,14 @@ class Session:
         trackers.require(config.trainer.track)
         self.mended = mended((*robots, *validation), strict=strict)
         # Before texts are encoded, which takes long for so large bodies.
-        make_buffers([(len(robot.spec.sensors), len(robot.spec.actuators)) for robot in robots], config.trainer)
+        make_buffers([(len(robot.seen.sensors), len(robot.spec.actuators)) for robot in robots], config.trainer)
         library.prepare()  # Actions are random at first, so that nobody waits.
         torch.manual_seed(settings.seed)
         self.rng = np.random.default_rng([settings.seed, 1])
         start = None if settings.start is None else load_start(settings.start, config)
-        self.agent = Agent(config, [robot.spec for robot in robots], settings.device, start)
-        self.collector = Collector(robots, self.agent.robots.layout, config.trainer, settings.seed)
+        seen = [robot.seen for robot in robots] if config.trainer.critic_sensors else None
+        self.agent = Agent(config, [robot.spec for robot in robots], settings.device, start, seen)
+        self.collector = Collector(robots, self.agent.robots.layout.stored, config.trainer, settings.seed)
         self.schedule = make_schedule(config, self.agent, self.collector, self.rng, settings.seed)
         self.monitor = Monitor(
             self.agent, [*robots, *validation], config.trainer, settings.seed, validation=len(validation)
