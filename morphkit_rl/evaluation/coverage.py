@@ -16,8 +16,7 @@ from morphkit.tokens.spec import ActuatorToken, SensorToken
 from morphkit_rl.algorithms.policy import Policy
 from morphkit_rl.config.methods import find_method
 from morphkit_rl.envs.robot import Robot
-from morphkit_rl.evaluation.calibration import Prediction, cosines, predict
-from morphkit_rl.models.layout import parent_indices
+from morphkit_rl.evaluation.calibration import Prediction, actuated_masses, limb_masses, predict
 from morphkit_rl.models.vocabulary import Vocabulary
 from morphkit_rl.runs import run_settings, saved_policy
 
@@ -127,10 +126,9 @@ def coverage(target: str | Path, description: Description, *, encoder: str | Non
     if evaluation is None:
         notes.append("no prediction: nothing was measured of this policy (an entry of the zoo has measured returns)")
     else:
-        actuators = [actuator.text for actuator in robot.spec.actuators]
-        prediction = predict(actuators, evaluation["robots"], policy.embedder)
+        prediction = predict(actuated_masses(robot), [*evaluation["robots"], *evaluation.get("calibration", ())])
         if prediction is None:
-            notes.append("no prediction: fewer than three training bodies were measured")
+            notes.append("no prediction: fewer than three training bodies were measured, or the policy fails on them")
     return Coverage(
         robot=robot.name,
         reads_names=find_method(policy.config.model.method).reads_names != "none",
@@ -147,7 +145,7 @@ def _match(policy: Policy, robot: Robot) -> list[TextMatch]:
     known = list((policy.vocabulary or Vocabulary()).texts)
     tokens = _tokens(robot)
     texts = [token.text for token in tokens]
-    near = cosines(policy.embedder(texts), policy.embedder(known))
+    near = _cosines(policy.embedder(texts), policy.embedder(known))
     best = near.argmax(1)
     found = []
     for number, token in enumerate(tokens):
@@ -156,6 +154,12 @@ def _match(policy: Policy, robot: Robot) -> list[TextMatch]:
         cosine = 1.0 if trained else float(near[number, best[number]])
         found.append(TextMatch(token.name, token.text, trained, nearest, cosine))
     return found
+
+
+def _cosines(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(rows of one, rows of other) cosine of the angle between embeddings; 0 with one that is zero."""
+    a, b = (rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-9) for rows in (one, other))
+    return np.asarray(a @ b.T)
 
 
 def _tokens(robot: Robot) -> list[SensorToken | ActuatorToken]:
@@ -179,15 +183,11 @@ def _sizes(robot: Robot) -> dict[str, float]:
     joints = [joint for joints in simulation.limb_joints for joint in joints if model.jnt_limited[joint]]
     hinges = [joint for joint in joints if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE]
     widths = np.degrees([model.jnt_range[joint][1] - model.jnt_range[joint][0] for joint in hinges] or [0.0])
-    below = model.body_subtreemass[simulation.limb_body]
-    masses = below.copy()
-    for limb, parent in enumerate(parent_indices(robot.spec)):
-        if parent >= 0:
-            masses[parent] -= below[limb]
+    masses = limb_masses(robot)
     return {
         "limbs": float(len(robot.spec.limbs)),
         "actuators in all": float(len(robot.spec.actuators)),
-        "mass in kg": float(below[0]),
+        "mass in kg": float(masses.sum()),
         "mass of the lightest limb in kg": float(masses.min()),
         "mass of the heaviest limb in kg": float(masses.max()),
         "start height in m": float(_start_height(robot)),

@@ -10,6 +10,7 @@ import numpy as np
 
 from morphkit.utils.printable import markdown_table, one_line
 from morphkit_rl.envs.robot import Robot
+from morphkit_rl.evaluation.calibration import actuated_masses
 from morphkit_rl.evaluation.episodes import mean_interval, normalized
 from morphkit_rl.evaluation.evaluate import RobotResult
 from morphkit_rl.runs.saved_policy import CARD, EVALUATION, SavedPolicy, read_card, read_evaluation
@@ -31,7 +32,7 @@ def evaluation_of(results: Sequence[RobotResult], robots: Sequence[Robot], episo
             "returns": [round(value, 2) for value in result.returns],
             "random_mean": round(result.random_mean, 2),
             "expert_return": result.expert_return,
-            "actuators": [actuator.text for actuator in robot.spec.actuators],
+            "actuators": {text: round(mass, 6) for text, mass in actuated_masses(robot).items()},
         }
         for result, robot in zip(results, robots, strict=True)
     ]

@@ -30,12 +30,16 @@ class _Measured(Part):
     returns: Annotated[list[float], Field(min_length=1)]
     random_mean: float
     expert_return: float | None
-    actuators: list[str]
+    actuators: dict[str, Annotated[float, Field(ge=0)]]
 
 
 class Evaluation(Part):
-    """`evaluation.json`: what a policy is worth on bodies of training and on held-out ones."""
+    """`evaluation.json`: what a policy is worth on bodies of training and on held-out ones.
+
+    `calibration` holds held-out bodies that were measured to predict others by.
+    """
 
     episodes: Count
     seed: Count
     robots: list[_Measured]
+    calibration: list[_Measured] = Field(default_factory=list)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,18 @@ def test_a_training_body_is_covered_and_predicted(policy: Path) -> None:
     assert (found.outside, found.notes) == ((), ())
     assert found.prediction is not None
     assert (found.prediction.calibrated_on, found.prediction.bodies) == ("leave-one-out", 3)
+
+
+def test_measured_bodies_never_seen_calibrate_the_prediction(policy: Path, tmp_path: Path) -> None:
+    shutil.copytree(policy, tmp_path / "policy")
+    path = tmp_path / "policy" / "evaluation.json"
+    measured = json.loads(path.read_text())
+    row = {**measured["robots"][0], "trained_on": False}
+    fins = [{**row, "robot": f"fins {n}", "actuators": {f"fin {m}": 1.0 for m in range(n)}} for n in (1, 2, 3)]
+    path.write_text(json.dumps({**measured, "calibration": fins}))
+    found = coverage(tmp_path / "policy", load("hopper_4")).prediction
+    assert found is not None
+    assert (found.calibrated_on, found.bodies) == ("held-out", 3)
 
 
 def test_what_another_robot_has_besides_is_named(policy: Path) -> None:
