@@ -137,11 +137,11 @@ def _resolve_meshes(
         reference = references.get(mesh.file, mesh.file)
         users = geoms.get(mesh.name, [])
         try:
-            path = locate(reference, description)
             if spared and users and all(_is_decoration(geom) and not geom.name for geom in users):
+                locate(reference, description)
                 drop_shape(spec, mesh, users)
                 continue
-            name, content = read_for_mujoco(path)
+            name, content = _mesh_bytes(reference, description)
         except AssetError as error:
             if incomplete is None and not all(_is_decoration(geom) for geom in users):
                 raise AssetError(f"{description.file}: mesh {reference!r} is needed in simulation: {error}") from error
@@ -152,6 +152,10 @@ def _resolve_meshes(
         assets[mesh.file] = content
     spec.assets = {**spec.assets, **assets}
     return notes
+
+
+def _mesh_bytes(reference: str, description: Description) -> tuple[str, bytes]:
+    return read_for_mujoco(locate(reference, description))
 
 
 def _resolve_fields(

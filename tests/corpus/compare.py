@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from morphkit.description import Description
+from morphkit.errors import MorphkitError
 from morphkit.simulation import spec as mujoco_spec
 from morphkit.simulation.spec import load_spec
 
@@ -138,9 +139,9 @@ def has_meshes(description: Description) -> bool:
 
 
 def reason(action: Any) -> str:
-    """Why `action` failed, in one line; empty where it did not."""
+    """Why MuJoCo or morphkit refused `action`, in one line; empty where they did not."""
     try:
         action()
-    except Exception as error:
+    except (ValueError, mujoco.FatalError, MorphkitError) as error:
         return " ".join(str(error).split())[:300]
     return ""
