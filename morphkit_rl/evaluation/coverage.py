@@ -16,7 +16,7 @@ from morphkit.tokens.spec import ActuatorToken, SensorToken
 from morphkit_rl.algorithms.policy import Policy
 from morphkit_rl.config.methods import find_method
 from morphkit_rl.envs.robot import Robot
-from morphkit_rl.evaluation.calibration import Prediction, actuated_masses, limb_masses, predict
+from morphkit_rl.evaluation.calibration import FEWEST_TRAINED, Prediction, actuated_masses, limb_masses, predict
 from morphkit_rl.models.vocabulary import Vocabulary
 from morphkit_rl.runs import run_settings, saved_policy
 
@@ -126,9 +126,12 @@ def coverage(target: str | Path, description: Description, *, encoder: str | Non
     if evaluation is None:
         notes.append("no prediction: nothing was measured of this policy (an entry of the zoo has measured returns)")
     else:
-        prediction = predict(actuated_masses(robot), [*evaluation["robots"], *evaluation.get("calibration", ())])
+        rows = [*evaluation["robots"], *evaluation.get("calibration", ())]
+        prediction = predict(actuated_masses(robot), rows)
         if prediction is None:
-            notes.append("no prediction: fewer than three training bodies were measured, or the policy fails on them")
+            few = sum(row["trained_on"] for row in rows) < FEWEST_TRAINED
+            why = "fewer than three training bodies were measured" if few else "the policy fails on its training bodies"
+            notes.append(f"no prediction: {why}")
     return Coverage(
         robot=robot.name,
         reads_names=find_method(policy.config.model.method).reads_names != "none",

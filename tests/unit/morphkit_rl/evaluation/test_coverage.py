@@ -50,6 +50,9 @@ def test_measured_bodies_never_seen_calibrate_the_prediction(policy: Path, tmp_p
     found = coverage(tmp_path / "policy", load("hopper_4")).prediction
     assert found is not None
     assert (found.calibrated_on, found.bodies) == ("held-out", 3)
+    path.write_text(json.dumps({**measured, "robots": measured["robots"][:2]}))
+    few = coverage(tmp_path / "policy", load("hopper_4"))
+    assert (few.prediction, few.notes) == (None, ("no prediction: fewer than three training bodies were measured",))
 
 
 def test_what_another_robot_has_besides_is_named(policy: Path) -> None:
