@@ -22,7 +22,8 @@ class TextEncoder:
     """A pretrained BERT-like model as a function from texts to vectors, cached on disk.
 
     The weights are read only when a text is not in the cache. Texts are encoded without padding, together with others
-    of as many tokens only, so that a vector does not depend on what else was asked for.
+    of as many tokens only, so that a vector depends on what else was asked for in its last bits at most. What is in the
+    cache first counts.
 
     Args:
         model: `minilm` (all-MiniLM-L6-v2, shipped, works offline), a folder that `save_pretrained` of transformers
