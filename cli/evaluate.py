@@ -67,9 +67,12 @@ def evaluate(
     bodies = common.load_bodies(robots, xacro_arg, trust_xacro=trust_xacro)
 
     from morphkit_rl.evaluation.evaluate import evaluate as measure
-    from morphkit_rl.runs import saved_policy, trackers
+    from morphkit_rl.runs import saved_policy, trackers, zoo
+    from morphkit_rl.runs.run_folder import POLICY
 
     if track is not None:
+        if (zoo.find(run) / POLICY).is_file():
+            raise common.UsageError(f"--track adds to a run that training began; {run} is a policy without its run.")
         trackers.require(track)
     where: dict[str, Any] = {"task": task, "base": base, "encoder": encoder, "checkpoint": checkpoint}
     found = measure(run, bodies, episodes=episodes, seed=seed, **where)

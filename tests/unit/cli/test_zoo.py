@@ -67,6 +67,8 @@ def test_it_is_evaluated_and_trained_on(tmp_path: Path, capsys: pytest.CaptureFi
     found = json.loads(capsys.readouterr().out)
     assert found["run"] == "zoo:hoppers"
     assert {row["robot"]: row["trained_on"] for row in found["robots"]} == {"hopper_3": True, "hopper_5": False}
+    assert run(["evaluate", "zoo:hoppers", "hopper_3", "--track", "tensorboard"]) == 2
+    assert "zoo:hoppers is a policy without its run" in capsys.readouterr().err
     tuned = tmp_path / "tuned"
     words = ["train", "hopper_5", "--run", str(tuned), "--from", "zoo:hoppers", "--steps", "4", "--quiet"]
     assert run(words) == 0
