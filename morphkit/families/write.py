@@ -55,7 +55,9 @@ def write_family(
         OutputError: The folder holds other files, cannot be written, or two variants have one name.
     """
     folder = Path(folder)
-    source = replace(source, info=replace(source.info, gains=servo_gains(source)))
+    gains, morphology = servo_gains(source), read(source)
+    source = replace(source, info=replace(source.info, gains=gains))
+    source.keep(morphology=morphology)
     clear_leftovers(folder.absolute())
     _check_target(folder, source, force)
     with staged_folder(folder) as stage:

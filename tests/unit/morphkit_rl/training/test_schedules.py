@@ -289,7 +289,7 @@ def test_returns_are_counted_with_the_ends_of_episodes(monkeypatch: pytest.Monke
 def test_updates_take_the_scale_of_the_robots_that_they_are_for(monkeypatch: pytest.MonkeyPatch) -> None:
     one = run_on(session("hopper", "arm", overrides=("trainer.start_steps=1000000",)), 20)
     given = []
-    monkeypatch.setattr(one.agent.learner, "update", lambda *rest: given.append(rest[-1].tolist()) or {})
+    monkeypatch.setattr(one.agent.learner, "update", lambda *rest: given.append(rest[6].tolist()) or {})
     one.agent.refresh()
     for view in (one.agent.robots, *one.agent.each):
         batch = next(iter(batches(one.settings.config, one.collector.buffers, one.rng, one.agent.discount)))
