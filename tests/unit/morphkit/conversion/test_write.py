@@ -60,6 +60,7 @@ def test_robots_with_costly_meshes_are_converted_within_limits(tmp_path: Path, m
     assert mujoco.MjModel.from_xml_path(str(model)).nmesh == len(meshes) == 1
     with pytest.raises(OutputError, match="exists"):
         convert_to(tmp_path / "r.xml", robot)
+    (tmp_path / "m.dae").write_text(doubling_dae(10, faces=4000))
     monkeypatch.setenv("MORPHKIT_LIMITS", "0.001")
     with pytest.raises(DescriptionError, match=r"r\.urdf: cannot be used: .* MORPHKIT_LIMITS=10"):
         convert_to(tmp_path / "other.xml", robot)
