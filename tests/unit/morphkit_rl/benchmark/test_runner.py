@@ -49,10 +49,13 @@ def finish(matrix: Path, *overrides: str, steps: int = STEPS) -> dict[str, Any]:
 
 @pytest.fixture
 def few_checkpoints(monkeypatch: pytest.MonkeyPatch) -> None:
-    save = Session.save
+    """Of each run one at the steps `EARLIER`, and one at its end."""
+    save, saved = Session.save, set[tuple[Path, int]]()
 
     def sometimes(self: Session, run: Path, elapsed_s: float, *, best: bool = False) -> None:
-        if self.collector.steps in (EARLIER, STEPS):
+        moment = run, self.collector.steps
+        if moment[1] in (EARLIER, STEPS) and moment not in saved:
+            saved.add(moment)
             save(self, run, elapsed_s, best=best)
 
     monkeypatch.setattr(Session, "save", sometimes)
@@ -87,7 +90,7 @@ def test_a_cell_ends_the_same_wherever_it_is_killed_around_its_last_checkpoint(
                 patch.setattr(owner, name, watched(getattr(owner, name)))
         whole = finish(matrix)
     assert whole["result"]["training_return"] is not None
-    assert len(moments) > 5
+    assert len(moments) > 4
     for moment in moments.values():
         assert finish(moment) == whole, moment
         assert [path for path in moment.rglob(".*") if path.name != ".lock"] == []
@@ -97,13 +100,13 @@ def test_the_training_return_of_a_cell_does_not_depend_on_when_rows_were_written
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(runner, "FINAL_SHARE", 0.5)
-    unlearned = ("trainer.num_envs=8", "trainer.start_steps=2400", "trainer.checkpoint_seconds=1000")
+    unlearned = ("trainer.num_envs=8", "trainer.start_steps=1920", "trainer.checkpoint_seconds=1000")
     often, rarely = (
-        finish(tmp_path / seconds, f"trainer.log_seconds={seconds}", *unlearned, steps=2400)
+        finish(tmp_path / seconds, f"trainer.log_seconds={seconds}", *unlearned, steps=1920)
         for seconds in ("0.0001", "1000")
     )
     rows = read_metrics(CELL.folder(tmp_path / "0.0001") / cells.RUN)
-    late = [row["return_mean"] for row in rows if row["steps"] >= 1200]
+    late = [row["return_mean"] for row in rows if row["steps"] >= 960]
     assert None not in late
     assert len(set(late)) > 2, "else any row would do"
     assert often == rarely
