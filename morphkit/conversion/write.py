@@ -17,6 +17,7 @@ from morphkit.formats.isolation import compiling, isolated
 from morphkit.morphology import Base
 from morphkit.utils import staging
 from morphkit.utils.plain_files import read_plain
+from morphkit.utils.printable import one_line
 from morphkit.utils.staging import in_turn, require_text, stage
 
 _PLACED = "placed"  # in a stage: names of the mesh files that are moved from there
@@ -207,4 +208,5 @@ def _compile(path: Path) -> None:
 
 
 def _safe(name: str) -> str:
-    return name.replace("--", "- -")
+    """`name` as a comment may hold it: without `--`, and control characters written out."""
+    return one_line(name).replace("--", "- -")
