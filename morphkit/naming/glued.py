@@ -49,6 +49,8 @@ def _glued_quarter(context: Context, place: int) -> Meaning | None:
 def _glued_letter(context: Context, place: int) -> Meaning | None:
     """`lfemur`, `bthigh`, `ltorso`, `uarm` and `legl`."""
     word = context.words[place]
+    if not word:
+        return None
     head, rest, tail = word[0], word[1:], word[-1]
     text = vocabulary.segment(rest)
     others = [other + rest for other in OTHER_LETTERS.get(head, ())]

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import mujoco
 import pytest
-from lxml import etree
 
 from morphkit.conversion.convert import convert
 from morphkit.conversion.write import convert_to, write_conversion
@@ -66,10 +65,3 @@ def test_robots_with_costly_meshes_are_converted_within_limits(tmp_path: Path, m
     with pytest.raises(DescriptionError, match=r"r\.urdf: cannot be used: .* MORPHKIT_LIMITS=10"):
         convert_to(tmp_path / "other.xml", robot)
     assert not (tmp_path / "other.xml").exists()
-
-
-def test_a_file_name_with_control_characters_is_written_out_in_the_comment(tmp_path: Path) -> None:
-    (tmp_path / "a\b--.urdf").write_text('<robot name="r"><link name="a"/></robot>')
-    written = tmp_path / "out.xml"
-    convert_to(written, load(tmp_path / "a\b--.urdf"))
-    assert etree.fromstring(written.read_bytes()).tag == "mujoco"
