@@ -142,7 +142,7 @@ def _on_cluster(
 
     file, options, storage, device = asked
     preset = options["preset"]
-    if preset and preset.endswith(".toml"):
+    if preset is not None and preset.endswith(".toml"):
         options = {**options, "preset": str(Path(preset).resolve())}
     request = Request(file and file.resolve(), options, matrix.resolve(), storage, device)
     with connected(address) as ray:

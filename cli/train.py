@@ -158,7 +158,7 @@ def train(
 
     else:
         if start is None:
-            config = load_config(preset or "default", settings)
+            config = load_config("default" if preset is None else preset, settings)
         else:
             config = start_config(start, preset, settings, encoder=encoder)
         encoder = None if config.text.encoder == SHIPPED else config.text.encoder

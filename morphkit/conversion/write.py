@@ -83,7 +83,7 @@ def write_conversion(conversion: Conversion, path: Path, *, force: bool = False)
     folder = asset_folder(path)
     spec = conversion.spec
     assets = {mesh.file: spec.assets[mesh.file] for mesh in spec.meshes if mesh.file}
-    spec.modelname = conversion.description.name
+    spec.modelname = one_line(conversion.description.name)  # XML holds no control characters
     spec.meshdir = folder.name if assets else ""
     # Keep numbers at full precision.
     spec.compiler.savecompiled = False

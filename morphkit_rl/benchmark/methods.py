@@ -53,7 +53,7 @@ def method_config(method: str, split: str, *, preset: str | None = None, overrid
         UnknownNameError: There is no such method or preset.
         ConfigError: A setting makes no sense, or the preset is one of another method.
     """
-    name = preset or preset_of(method)
+    name = preset_of(method) if preset is None else preset
     by_split = _settings_of_split(name, split) if name.endswith(_PAPER) else []
     without_types = ['trainer.sensors=["no_ltv"]'] if method.endswith(_NO_TYPES) else []
     fixed = [f"trainer.evaluate_steps={EVALUATE_STEPS}", "trainer.total_envs=0"]

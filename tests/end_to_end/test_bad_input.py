@@ -177,6 +177,7 @@ def test_robot_without_actuators_cannot_be_trained(in_process: Run, tmp_path: Pa
         (["train", "--run", "nowhere", "--resume"], "nowhere"),
         (["train", "cheetah", "--run", "run", "--hold-out", "chetah", "--steps", "10"], "cheetah"),
         (["train", "cheetah", "--run", "run", "--preset", "defult", "--steps", "10"], "default"),
+        (["train", "cheetah", "--run", "run", "--preset", "", "--steps", "10"], "no preset ''"),
         (["train", "cheetah", "--run", "run", "--set", "td3.tua=0.1", "--steps", "10"], "tau"),
         (["train", "cheetah", "--run", "run", "--set", "td3.tau", "--steps", "10"], "td3.tau"),
         (["train", "cheetah", "--run", "run", "--task", "locomotoin", "--steps", "10"], "locomotion"),

@@ -128,6 +128,7 @@ HOPPERS = ("run", "--task", "hoppers", "--split", "1", "--method", "limb-former"
         ((*HOPPERS, "--set", "td3.taux=1"), "did you mean"),
         ((*HOPPERS, "--file", "no.toml"), "no.toml"),
         ((*HOPPERS, "--preset", "no.toml"), "no.toml"),
+        ((*HOPPERS, "--preset", ""), "no preset ''"),
         ((*HOPPERS, "--seeds", "0"), "greater than or equal to 1"),
         (("status", "m"), "no such folder"),
         (("report", "m"), "no such folder"),

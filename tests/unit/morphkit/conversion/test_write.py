@@ -7,6 +7,7 @@ from pathlib import Path
 
 import mujoco
 import pytest
+from lxml import etree
 
 from morphkit.conversion.convert import convert
 from morphkit.conversion.write import convert_to, write_conversion
@@ -65,3 +66,9 @@ def test_robots_with_costly_meshes_are_converted_within_limits(tmp_path: Path, m
     with pytest.raises(DescriptionError, match=r"r\.urdf: cannot be used: .* MORPHKIT_LIMITS=10"):
         convert_to(tmp_path / "other.xml", robot)
     assert not (tmp_path / "other.xml").exists()
+
+
+def test_control_characters_of_a_file_name_are_written_out(tmp_path: Path) -> None:
+    (tmp_path / "a\b--.urdf").write_text('<robot name="r"><link name="a"/></robot>')
+    convert_to(tmp_path / "out.xml", load(tmp_path / "a\b--.urdf"))
+    assert etree.parse(tmp_path / "out.xml").getroot().get("model") == r"a\x08--"

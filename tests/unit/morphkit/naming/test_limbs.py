@@ -287,3 +287,8 @@ def test_names_of_thousands_of_limbs_take_no_quadratic_time() -> None:
     names = canonical_limb_names(many, {})
     assert time.process_time() - start < 10
     assert len(set(names.values())) == len(names) == 10_001
+
+
+def test_an_empty_pattern_is_no_limb() -> None:
+    with pytest.raises(UnknownNameError):
+        match_limbs(robot("torso", "lfemur"), "")
