@@ -175,7 +175,7 @@ def train(
                 seed=seed or 0,
                 minutes=minutes,
                 steps=steps,
-                device=device or "cpu",
+                device="cpu" if device is None else device,
                 start=start,
                 strict=strict,
                 progress=display.update,

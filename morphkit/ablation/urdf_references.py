@@ -97,8 +97,8 @@ class _References:
             yield Loss("transmission", f"{name} {element.tag}", limb, f"refers to joint {joint}")
             if len(actuators) == len(joints):
                 detach(actuators[place])
-                label = actuators[place].get("name") or "actuator"
-                yield Loss("transmission", f"{name} {label}", limb, f"stood at the place of joint {joint}")
+                reason = f"stood at the place of joint {joint} in transmission {name}"
+                yield Loss("actuator", actuators[place].get("name", ""), limb, reason)
         yield from self._parts(transmission, "transmission", name)
 
     def gazebo(self, gazebo: Any) -> Iterator[Loss]:
