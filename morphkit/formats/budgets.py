@@ -56,7 +56,7 @@ def check_numbers(root: Any, *, file: str) -> int:
             numbers = [number for key in group for number in integers(element.get(key))]
             asked = math.prod(numbers) * (_SIDES if _is_cube(element) else 1) if numbers else 0
             if asked > NUMBERS or any(number > 2**31 - 1 for number in numbers):
-                shown = " ".join(f'{key}="{element.get(key)}"' for key in group if key in element.attrib)
+                shown = " ".join(f'{key}="{element.get(key)}"' for key in dict.fromkeys(group) if key in element.attrib)
                 raise DescriptionError(f"{where}: <{element.tag} {shown}> asks for more than {NUMBERS:,} numbers")
             total += asked
             if total > NUMBERS:
@@ -67,13 +67,13 @@ def check_numbers(root: Any, *, file: str) -> int:
 
 
 def _groups(element: Any) -> Iterator[tuple[str, ...]]:
-    yield from _COUNTS[element.tag]
+    yield from (("width", "width"),) if _is_cube(element) else _COUNTS[element.tag]
     if element.tag == "size":
         yield from ((key,) for key in element.attrib if key.startswith(_NUSER))
 
 
 def _is_cube(texture: Any) -> bool:
-    """Whether a texture is of six sides, each as large as it says; those from files have none of its own."""
+    """Whether a texture is of six square sides as wide as it says, whatever its height; not of those from files."""
     drawn = texture.get("builtin", "none") != "none"
     return bool(texture.tag == "texture" and drawn and texture.get("type", "cube") != "2d")
 

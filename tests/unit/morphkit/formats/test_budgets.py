@@ -31,6 +31,7 @@ def robot(assets: str) -> Description:
         ('<texture name="t{}" type="2d" builtin="flat" width="8000" height="8000"/>', 2),
         ('<texture name="t{}" type="skybox" builtin="flat" width="3000" height="3000"/>', 2),
         ('<texture name="t{}" builtin="flat" width="3000" height="3000"/>', 2),
+        ('<texture name="t{}" builtin="flat" width="3000" height="30"/>', 2),
     ],
 )
 def test_sums_over_a_file(one: str, several: int) -> None:
