@@ -98,11 +98,6 @@ def convert(
     root = spec.body(morphology.root.name)
     if root is None:
         raise DescriptionError(f"{description.file}: MuJoCo made no body of root {morphology.root.name!r}")
-    if len(spec.bodies) == 1:
-        raise DescriptionError(
-            f"{description.file}: there is no link but {root.name!r}; a xacro macro may stand for the rest: expand it"
-            f" first: xacro {description.file} > robot.urdf"
-        )
     own_base = morphology.base if list(root.joints) else None
     if own_base is not None and base not in (None, own_base):
         raise ConfigError(

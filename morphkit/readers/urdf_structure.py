@@ -10,6 +10,7 @@ from lxml import etree
 
 from morphkit.errors import DescriptionError
 from morphkit.formats.poses import numbers
+from morphkit.formats.urdf_names import WORLD
 from morphkit.utils.suggest import did_you_mean
 
 Element = Any
@@ -189,6 +190,11 @@ def check_urdf(tree: etree._ElementTree, *, file: str) -> tuple[str, ...]:
             )
     if not links:
         raise DescriptionError(f"{file}:{root.sourceline}: no <link> in <robot>; a robot needs at least one")
+    if list(links) == [WORLD]:
+        raise DescriptionError(
+            f"{file}:{root.sourceline}: no <link> but {WORLD!r}, which is no part of a robot; a xacro macro may"
+            f" stand for the rest: expand it first: xacro {file} > robot.urdf"
+        )
     ends = join_links(links, joints, _Refusal(file, links))
     for element in [*joints.values(), *links.values()]:
         _check_numbers(element, file)

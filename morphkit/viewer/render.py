@@ -131,6 +131,7 @@ def model_frames(
     move(model, data, states[0])
     shown = _reach(model, data, root) if reach is None else reach
     _prepare(model, width, height, shown, fine=len(states) == 1)
+    scenery.open_floor(model, data)
     scene = mujoco.MjvScene(model, maxgeom=10_000 + scenery.MAX_GEOMS)
     scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
     scene.flags[mujoco.mjtRndFlag.mjRND_CULL_FACE] = False  # The sky is a ball seen from inside.

@@ -8,6 +8,7 @@ import numpy as np
 
 _SKY = (0.74, 0.82, 0.89, 1.0)
 _TILES = ((0.87, 0.84, 0.78, 1.0), (0.79, 0.75, 0.68, 1.0))
+_LEVEL = 0.999
 _TILE_RADIUS = 12  # tiles each way
 MAX_GEOMS = 4 * _TILE_RADIUS**2 + 1
 
@@ -46,6 +47,28 @@ def add_sky(model: Any, scene: Any, target: np.ndarray, reach: float) -> None:
     ball.specular = ball.shininess = ball.reflectance = 0.0
 
 
+def open_floor(model: Any, data: Any) -> None:
+    """Give level planes that things touch no end, as in the simulation; their pattern keeps its size.
+
+    Args:
+        model: The model, changed in place.
+        data: The same after `mj_kinematics`.
+    """
+    import mujoco
+
+    from morphkit.simulation.ground import can_touch
+
+    planes = (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE) & can_touch(model) & (data.geom_xmat[:, 8] > _LEVEL)
+    for plane in np.flatnonzero(planes & model.geom_size[:, :2].all(1)):
+        material = model.geom_matid[plane]
+        if material >= 0 and not model.mat_texuniform[material]:
+            if (model.geom_matid == material).sum() > 1:
+                continue
+            model.mat_texrepeat[material] /= 2 * model.geom_size[plane, :2]
+            model.mat_texuniform[material] = True
+        model.geom_size[plane, :2] = 0.0
+
+
 def tile_floor(scene: Any, target: np.ndarray, reach: float) -> None:
     """Lay flat tiles over a level plane without a material: on a bare floor nobody sees the robot move.
 
@@ -57,7 +80,7 @@ def tile_floor(scene: Any, target: np.ndarray, reach: float) -> None:
     import mujoco
 
     planes = [geom for geom in scene.geoms[: scene.ngeom] if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]
-    floor = next((plane for plane in planes if plane.mat[2, 2] > 0.999 and plane.matid < 0), None)
+    floor = next((plane for plane in planes if plane.mat[2, 2] > _LEVEL and plane.matid < 0), None)
     if floor is None:
         return
     height = float(floor.pos[2])

@@ -182,7 +182,7 @@ class Trainer:
     def _run(self, run: Path, log: MetricsLog, progress: Callable[[Progress], None] | None) -> None:
         session, clock, config = self.session, self.clock, self.settings.config.trainer
         reported = logged = saved = clock.elapsed_s
-        mark, hundredth = self._mark(), self._hundredth()
+        mark, row_of = self._mark(), self._hundredth()
         clock.start()
         with Interrupts() as interrupts:
             while not interrupts.wanted:
@@ -203,11 +203,11 @@ class Trainer:
                 if progress and elapsed_s - reported >= REPORT_SECONDS:
                     reported = elapsed_s
                     progress(self._progress(mark))
-                wanted = elapsed_s - logged >= config.log_seconds or self._hundredth() > hundredth
+                wanted = elapsed_s - logged >= config.log_seconds or self._hundredth() > row_of
                 if wanted and not session.monitor.due(session.collector.steps):
                     logged = elapsed_s
                     log.write(self._metrics(mark))
-                    mark, hundredth = self._mark(), self._hundredth()
+                    mark, row_of = self._mark(), self._hundredth()
                 if elapsed_s - saved >= config.checkpoint_seconds:
                     saved = elapsed_s
                     self._save(run)

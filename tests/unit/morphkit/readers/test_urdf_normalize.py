@@ -96,6 +96,12 @@ def test_an_axis_without_direction_is_refused_where_something_moves(tmp_path: Pa
     assert not report.count("error")
 
 
+def test_a_robot_of_the_world_alone_is_refused_by_all() -> None:
+    for use in (read, convert, build_simulation, load_mechanics):
+        with pytest.raises(DescriptionError, match="no <link> but 'world'"):
+            use(described('<robot name="r"><link name="world"/></robot>'))
+
+
 @pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic", "planar"])
 def test_an_axis_of_length_zero_is_refused_by_all(kind: str) -> None:
     text = two(moving='<axis xyz="0 0 0"/>' + LIMIT, kind=kind)

@@ -14,7 +14,7 @@ from morphkit.description import Description
 from morphkit.errors import ConfigError
 from morphkit.viewer.media import family_sheet
 from morphkit.viewer.render import model_frames, render
-from tests.support.walking_box import box
+from tests.support.walking_box import WALKING_BOX, box
 
 
 @dataclass
@@ -59,6 +59,22 @@ def test_the_camera_follows_the_root_while_the_floor_moves_by() -> None:
         columns = np.nonzero(redness(picture).any(axis=0))[0]
         assert abs(columns.mean() - 47.5) < 3
     assert (here != there)[~redness(here)].mean() > 0.05  # The tiles are elsewhere.
+
+
+@pytest.mark.usefixtures("gl")
+@pytest.mark.parametrize("texrepeat", ['texuniform="true" texrepeat="1 1"', 'texrepeat="18 18"'])
+def test_a_floor_with_a_pattern_goes_on_where_its_drawing_would_end(texrepeat: str) -> None:
+    assets = f"""<asset>
+        <texture name="t" type="2d" builtin="checker" rgb1="0 .9 0" rgb2="0 .5 0" width="64" height="64"/>
+        <material name="m" texture="t" {texrepeat}/></asset>"""
+    floor = '<geom type="plane" size="9 9 1" material="m"/>'
+    source = WALKING_BOX.format(floor=floor, height=0.5).replace("<worldbody>", f"{assets}<worldbody>")
+    model = mujoco.MjModel.from_xml_string(source)
+    here, there = model_frames(model, np.array([[0, 0], [60, 0]]), base="planar", width=96, height=72)
+    for picture in (here, there):
+        red, green, blue = np.moveaxis(picture[-16:].astype(int), -1, 0)
+        assert ((green > 1.5 * red) & (green > 1.5 * blue)).mean() > 0.8
+    assert np.abs(here[-16:].astype(int) - there[-16:]).mean() < 6  # 60 m on, the same squares lie there
 
 
 @pytest.mark.usefixtures("gl")
