@@ -34,13 +34,23 @@ def sense(model, data, tokens):
     return np.array([row], np.float32)
 
 
+def load(policy):
+    """The session, what the policy senses, and its control frequency, Hz."""
+    try:
+        session = onnxruntime.InferenceSession(policy)
+        about = session.get_modelmeta().custom_metadata_map
+        tokens = list(zip(*(json.loads(about[key]) for key in KEYS), strict=True))
+        return session, tokens, float(about["control_frequency_hz"])
+    except Exception as error:  # onnxruntime has no class of its own errors
+        print(f"error: {policy}: no policy of 'morphkit export --onnx': {error}", file=sys.stderr)
+        sys.exit(2)
+
+
 def main(policy, robot, seconds=20.0):
     """Run for some seconds; how far the robot came, m."""
-    session = onnxruntime.InferenceSession(policy)
-    about = session.get_modelmeta().custom_metadata_map
-    tokens = list(zip(*(json.loads(about[key]) for key in KEYS), strict=True))
+    session, tokens, frequency = load(policy)
     model = mujoco.MjModel.from_xml_path(robot)
-    data, frequency = mujoco.MjData(model), float(about["control_frequency_hz"])
+    data = mujoco.MjData(model)
     for _ in range(round(seconds * frequency)):
         mujoco.mj_forward(model, data)
         data.ctrl[:] = session.run(["control"], {"observation": sense(model, data, tokens)})[0][0]

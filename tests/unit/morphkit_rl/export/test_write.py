@@ -124,3 +124,11 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path: Path, monkeypatch: pyte
     with pytest.raises(DependencyError, match=r"ONNX needs onnxruntime; .*morphkit\[export\]"):
         export_onnx(policy, robot, tmp_path / "policy.onnx")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_the_example_refuses_what_is_no_exported_policy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "foreign.onnx").write_text("foreign")
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(EXAMPLE))["load"](str(tmp_path / "foreign.onnx"))
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.count("\n") == 1
