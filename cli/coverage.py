@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from morphkit.utils.printable import one_line
+
 from . import common
 from .table import table, terminal_width
 from .terminal import write
@@ -67,7 +69,8 @@ def _text(found: Coverage) -> str:
         )
     if not found.outside and not any(note.startswith("sizes") for note in found.notes):
         lines.append("number of limbs, masses, height and joint ranges are within those of training")
-    return "\n".join([lines[0], "", shown + "\n".join(["", *lines[1:], *_prediction(found), *found.notes])]) + "\n"
+    first, *more = map(one_line, [*lines, *_prediction(found), *found.notes])
+    return "\n".join([first, "", shown + "\n".join(["", *more])]) + "\n"
 
 
 def _prediction(found: Coverage) -> list[str]:

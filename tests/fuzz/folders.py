@@ -107,10 +107,13 @@ def _whole(kind: str) -> Path:
 
 def _sign(kind: str, folder: Path) -> None:
     """Make the digests right, as somebody does who makes a folder to deceive."""
-    listing = folder / {"family": "manifest.json", "policy": "policy.json"}.get(kind, "none")
+    read = {"family": ["manifest.json"], "policy": ["policy.json", "config.json", saved_policy.ARRAYS]}.get(
+        kind, ["none"]
+    )
     plain = plain_files(folder)  # a pipe would be waited for
-    if listing not in plain:
+    if not all(folder / name in plain for name in read):
         return
+    listing = folder / read[0]
     values = json.loads(listing.read_text())
     if kind == "policy":
         values.update(checkpoint.describe(folder / saved_policy.ARRAYS))

@@ -79,3 +79,11 @@ def test_the_command_prints_and_a_run_without_measured_returns_says_so(
     (note,) = found["notes"]
     assert note.startswith("no prediction: nothing was measured of this policy")
     assert {each["what"] for each in found["outside"]} >= {"limbs", "mass of the heaviest limb in kg"}
+
+
+def test_a_name_of_several_lines_forges_none(policy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    hopper = load("hopper_3")
+    forged = tmp_path / "a\n\nerror: forged.xml"
+    forged.write_bytes(hopper.source)
+    assert morphkit(["coverage", str(policy), str(forged), "--base", "planar", "--task", "hopper"]) == 0
+    assert r"a\n\nerror: forged: 59 of 59" in capsys.readouterr().out.splitlines()[0]
