@@ -11,9 +11,11 @@ import torch
 from torch import Tensor, nn
 
 from morphkit.errors import ConfigError
+from morphkit_rl.algorithms import autograd_update, compiled_update
 from morphkit_rl.algorithms.augmentation import Augmentation, Shown
 from morphkit_rl.algorithms.critic_losses import make_critic_loss
 from morphkit_rl.algorithms.normalizer import normalize
+from morphkit_rl.algorithms.transitions import Transitions
 from morphkit_rl.buffers.replay_buffer import Batch
 from morphkit_rl.config.learner_config import LearnerConfig
 from morphkit_rl.config.methods import ModelSettings
@@ -108,59 +110,35 @@ class TD3:
             Scalars: `critic_loss` and `q_mean`, with `actor_loss` where the actor was updated.
         """
         obs, next_obs = (normalize(self._tensor(rows), scale, shift) for rows in (batch.obs, batch.next_obs))
-        robot = self.critic.value_robot(layout.stored)
-        values = robot.new_zeros(layout.num_robots).index_add(0, robot, torch.ones_like(robot))  # bincount would wait
-        share = 1 / (layout.num_robots * values[robot])
-        factor = self.config.reward_scale * (1.0 if reward_scale is None else reward_scale)
-        reward = self._tensor(batch.reward) * factor
-        target = self._target(next_obs, reward[:, robot], self._tensor(batch.discount)[:, robot], layout, rng)
-        output = self.critic(obs, self._tensor(batch.action), layout.stored)
-        critic_loss = (self.critic_loss.error(output, target).mean(1) * share).sum()
-        self._step(critic_loss, self.critic_optimizer, self.critic)
-        unscaled = share if reward_scale is None else share / reward_scale[robot]
-        q = self.critic_loss.expectation(output.detach()).mean((0, 1))
-        losses = {
-            "critic_loss": critic_loss.detach(),
-            "q_mean": (q * unscaled).sum() / self.config.reward_scale,
-        }
+        rest = (self._tensor(array) for array in (batch.action, batch.reward, batch.discount))
+        transitions = Transitions(obs, next_obs, *rest)
+        factor = torch.full((layout.num_robots,), self.config.reward_scale, device=self.device)
+        if reward_scale is not None:
+            factor = factor * reward_scale
+        next_action = self._next_action(next_obs, layout, rng)
         first = 0 if self.config.actor_first else self.config.policy_delay - 1
-        if (self.updates if number is None else number) % self.config.policy_delay == first:
-            if self.updates >= self.options.actor_start:
+        due = (self.updates if number is None else number) % self.config.policy_delay == first
+        compiled = augmentation is None and compiled_update.suits(self, obs, layout)
+        update_critics = compiled_update.update_critics if compiled else autograd_update.update_critics
+        losses = update_critics(self, transitions, next_action, layout, factor, follow=due)
+        if due and self.updates >= self.options.actor_start:
+            if compiled:
+                losses["actor_loss"] = compiled_update.update_actor(self, obs, layout)
+            else:
                 shown = Shown(layout) if augmentation is None else augmentation.draw(rng)
-                losses["actor_loss"] = self._update_actor(obs, layout, share, shown, shift)
-                polyak(self.actor_target, self.actor, self.config.tau)
-            polyak(self.critic_target, self.critic, self.config.tau)
+                losses["actor_loss"] = autograd_update.update_actor(self, obs, layout, shown, shift)
         self.updates += 1
         if self.config.reset_updates and self.updates % self.config.reset_updates == 0:
             self._reset(rng)
         return losses
 
     @torch.no_grad()
-    def _target(
-        self, next_obs: Tensor, reward: Tensor, discount: Tensor, layout: Layout, rng: np.random.Generator
-    ) -> Tensor:
-        """What the critics learn, from the targets' action with noise on it."""
+    def _next_action(self, next_obs: Tensor, layout: Layout, rng: np.random.Generator) -> Tensor:
+        """The target actor's action with noise on it."""
         shape = len(next_obs), layout.num_actions
         drawn = rng.standard_normal(shape, dtype=np.float32) * self.config.target_noise
         noise = self._tensor(drawn.clip(-self.config.target_noise_clip, self.config.target_noise_clip))
-        next_action = (self.actor_target(layout.part(next_obs), layout) + noise).clamp(-1, 1)
-        return self.critic_loss.target(self.critic_target(next_obs, next_action, layout.stored), reward, discount)
-
-    def _update_actor(self, obs: Tensor, layout: Layout, share: Tensor, shown: Shown, shift: Tensor | None) -> Tensor:
-        """Climb the critics; the loss."""
-        members = 1 if self.options.actor_objective == "first" else 2
-        self.critic.requires_grad_(False)
-        own = shown.observe(layout.part(obs), None if shift is None else layout.part(shift))
-        action = self.actor(own, shown.layout)
-        q = self.critic_loss.expectation(self.critic(obs, action, layout.stored, members=members)).mean(0)
-        self.critic.requires_grad_(True)
-        loss = -(q.mean(0) * share).sum()
-        if self.config.saturation_penalty > 0:
-            loss = loss + self.config.saturation_penalty * saturation(action, self.options.saturation_margin)
-        self._step(loss, self.actor_optimizer, self.actor)
-        if self.actor_average is not None:
-            polyak(self.actor_average, self.actor, 1 - self.options.actor_average)
-        return loss.detach()
+        return (self.actor_target(layout.part(next_obs), layout) + noise).clamp(-1, 1)
 
     @torch.no_grad()
     def act(
@@ -222,13 +200,6 @@ class TD3:
     def _tensor(self, array: np.ndarray) -> Tensor:
         return torch.as_tensor(array, dtype=torch.float32, device=self.device)
 
-    def _step(self, loss: Tensor, optimizer: torch.optim.Optimizer, net: nn.Module) -> None:
-        optimizer.zero_grad(set_to_none=True)
-        loss.backward()
-        if self.config.gradient_clip > 0:
-            nn.utils.clip_grad_norm_(net.parameters(), self.config.gradient_clip)
-        optimizer.step()
-
 
 def build_networks(
     model: ModelSettings,
@@ -251,12 +222,6 @@ def build_networks(
     return actor, critic
 
 
-@torch.no_grad()
-def polyak(average: nn.Module, net: nn.Module, share: float) -> None:
-    """Move a network's running average by `share` toward it."""
-    torch._foreach_lerp_(list(average.parameters()), list(net.parameters()), share)
-
-
 def find_device(name: str) -> torch.device:
     """The device that PyTorch calls so.
 
@@ -270,20 +235,6 @@ def find_device(name: str) -> torch.device:
         reason = str(error).strip().partition("\n")[0]
         raise ConfigError(f"device {name!r} cannot be used here: {reason}") from None
     return device
-
-
-def saturation(action: Tensor, margin: float = 0.0) -> Tensor:
-    """Mean square of what tanh made into `action`, a scalar; there is no gradient where that was beyond 7.25.
-
-    Args:
-        action: Actions in [-1, 1].
-        margin: Only what goes beyond this counts, in either direction.
-    """
-    bound = 1 - 1e-6
-    before = torch.atanh(action.clamp(-bound, bound))
-    if margin > 0:
-        before = (before.abs() - margin).relu()
-    return before.square().mean()
 
 
 def resolve_precision(precision: str, device: str) -> str:

@@ -31,15 +31,18 @@ def actuator_heads(x: Tensor, limb: Tensor, parameters: Sequence[Tensor]) -> Ten
     """
     parameters = [parameter.contiguous() for parameter in parameters]
     if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in (x, *parameters)):
-        result: Tensor = _ActuatorHeads.apply(x.contiguous(), limb, *parameters)
+        result: Tensor = ActuatorHeads.apply(x.contiguous(), limb, *parameters)
         return result
     return _forward(x.contiguous(), limb, parameters, None)
 
 
-class _ActuatorHeads(torch.autograd.Function):
+class ActuatorHeads(torch.autograd.Function):
+    """`actuator_heads` for autograd, and for `Call`."""
+
     @staticmethod
     def forward(ctx: Any, x: Tensor, limb: Tensor, *parameters: Tensor) -> Tensor:
-        kept = x.new_empty(len(x), len(limb), x.shape[-1])
+        """The output; keeps what the way back needs."""
+        kept = x.new_empty(x.shape[0], limb.shape[0], x.shape[-1])
         result = _forward(x, limb, parameters, kept)
         ctx.save_for_backward(x, limb, kept, result, *parameters)
         return result
@@ -47,6 +50,7 @@ class _ActuatorHeads(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
+        """Gradients of all arguments; None of those that have none or need none."""
         x, limb, kept, result, *parameters = ctx.saved_tensors
         x_gradient, gradients = torch.zeros_like(x), ThreadGradients(parameters, True)
         _call(
@@ -57,7 +61,7 @@ class _ActuatorHeads(torch.autograd.Function):
 
 
 def _forward(x: Tensor, limb: Tensor, parameters: Sequence[Tensor], kept: Tensor | None) -> Tensor:
-    result = x.new_empty(len(x), len(limb), dtype=torch.float32)
+    result = x.new_empty(x.shape[0], limb.shape[0], dtype=torch.float32)
     _call("heads_forward", x, limb, parameters, None if kept is None else pointer(kept), pointer(result))
     return result
 
@@ -65,5 +69,5 @@ def _forward(x: Tensor, limb: Tensor, parameters: Sequence[Tensor], kept: Tensor
 def _call(name: str, x: Tensor, limb: Tensor, parameters: Sequence[Tensor], *arguments: object) -> None:
     kernel = function(name, x.dtype)
     assert kernel is not None
-    sizes = integers(len(x), x.shape[1], len(limb), x.shape[-1])
+    sizes = integers(x.shape[0], x.shape[1], limb.shape[0], x.shape[-1])
     kernel(sizes, torch.get_num_threads(), pointer(limb), pointers(parameters), pointer(x), *arguments)

@@ -87,5 +87,5 @@ def _call(name: str, x: Tensor, starts: Tensor, heads: int, parameters: Sequence
     kernel = function(name, x.dtype)
     assert kernel is not None
     parameters = [parameter.contiguous() for parameter in parameters]
-    sizes = integers(len(x), len(starts) - 1, x.shape[-1], heads, parameters[4].shape[-1])
+    sizes = integers(x.shape[0], len(starts) - 1, x.shape[-1], heads, parameters[4].shape[-1])
     kernel(sizes, pointer(starts), torch.get_num_threads(), pointers(parameters), pointer(x), *arguments)

@@ -190,6 +190,10 @@ class Parts {
             if (!relations.kinds) return softmax(logits, n, scale, weights + r * ld);
             const float* bias = relations.bias + first / head * relations.kinds;
             const std::int32_t* kind = relations.of(sequence) + r * n;
+            if (n <= LANES && relations.kinds <= LANES) {
+                const Floats added = __builtin_shuffle(load_part<Floats>(bias, relations.kinds), load_part<Integers>(kind, n));
+                return softmax_short(load(logits) * scale + added, n, weights + r * ld);
+            }
             for (Index i = 0; i < n; ++i) logits[i] = logits[i] * scale + bias[kind[i]];
             softmax(logits, n, 1.0f, weights + r * ld);
         });

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import hashlib
+import itertools
 import logging
 import os
 import platform
@@ -41,9 +42,10 @@ STEP = 16
 _SOURCES = (
     *("encoder_layer.cpp", "cross_attention.cpp", "mlp.cpp", "norm.cpp"),
     *("limb_tokens.cpp", "limb_layer.cpp", "actuator_heads.cpp", "perceptron_critic.cpp"),
+    *("categorical.cpp", "adam.cpp"),
 )
 _HEADERS = ("packing.h", "tiles.h", "product.h", "rows.h", "layer.h")
-_FLAGS = ("-std=c++17", "-O3", "-march=native", "-fPIC")
+_FLAGS = ("-std=c++17", "-O3", "-march=native", "-fPIC", "-fno-math-errno")
 _TIMEOUT_S = 180
 _OPENING = threading.Lock()
 _SUSPENDED = ContextVar("suspended", default=False)
@@ -146,7 +148,9 @@ class ThreadGradients:
         self._sums = torch.zeros(torch.get_num_threads(), sum(self._sizes)) if wanted else None
         self.pointers = None
         if self._sums is not None:
-            self.pointers = pointers([share for thread in self._sums for share in thread.split(self._sizes)])
+            places = _places(len(self._sums), *self._sizes)
+            base = self._sums.data_ptr()
+            self.pointers = (ctypes.c_void_p * len(places))(*[base + place for place in places])
 
     def add_up(self) -> list[Tensor | None]:
         """The gradients; None for each where they are not wanted."""
@@ -154,6 +158,12 @@ class ThreadGradients:
             return [None for _ in self._parameters]
         sums = self._sums[0] if len(self._sums) == 1 else self._sums.sum(0)
         return [g.view_as(p) for g, p in zip(sums.split(self._sizes), self._parameters, strict=True)]
+
+
+@functools.lru_cache(maxsize=256)
+def _places(threads: int, *sizes: int) -> list[int]:
+    """Byte at which each thread's part of each size begins, in float32 numbers that follow each other."""
+    return [4 * place for place in itertools.accumulate(sizes * threads, initial=0)][:-1]
 
 
 def _suits_processor() -> bool:

@@ -62,14 +62,17 @@ def limb_layer(x: Tensor, kinship: Kinship, heads: int, parameters: Sequence[Ten
             float32.
     """
     if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in (x, *parameters)):
-        result: Tensor = _LimbLayer.apply(x.contiguous(), kinship, heads, *parameters)
+        result: Tensor = LimbLayer.apply(x.contiguous(), kinship, heads, *parameters)
         return result
     return _forward(x.contiguous(), kinship, heads, parameters, ())
 
 
-class _LimbLayer(torch.autograd.Function):
+class LimbLayer(torch.autograd.Function):
+    """`limb_layer` for autograd, and for `Call`."""
+
     @staticmethod
     def forward(ctx: Any, x: Tensor, kinship: Kinship, heads: int, *parameters: Tensor) -> Tensor:
+        """The output; keeps what the way back needs."""
         width, hidden = x.shape[-1], parameters[4].shape[-1]
         saved = [x.new_empty(*x.shape[:3], columns) for columns in (3 * width, width, width, hidden)]
         ctx.save_for_backward(x, *saved, *parameters)
@@ -79,6 +82,7 @@ class _LimbLayer(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
+        """Gradients of all arguments; None of those that have none or need none."""
         x, *rest = ctx.saved_tensors
         saved, parameters = rest[:4], rest[4:]
         x_gradient = torch.empty_like(x)
@@ -102,7 +106,7 @@ def _call(name: str, x: Tensor, kinship: Kinship, heads: int, parameters: Sequen
     assert kernel is not None
     parameters = [parameter.contiguous() for parameter in parameters]
     members, batch, _, width = x.shape
-    robots, kinds = len(kinship.firsts), parameters[8].shape[-1]
+    robots, kinds = kinship.firsts.shape[0], parameters[8].shape[-1]
     sizes = integers(members, batch * robots, width, heads, parameters[4].shape[-1], kinds, robots)
     starts = sequence_starts(kinship.edges, batch)
     kernel(

@@ -54,18 +54,21 @@ def limb_tokens(row: Tensor, scalars: Scalars, table: Tensor, names: Tensor, pre
         (members, batch, limbs, d_model).
     """
     if torch.is_grad_enabled() and (table.requires_grad or names.requires_grad):
-        result: Tensor = _LimbTokens.apply(row.contiguous(), scalars, precision, table.contiguous(), names.contiguous())
+        result: Tensor = LimbTokens.apply(row.contiguous(), scalars, precision, table.contiguous(), names.contiguous())
         return result
     return _forward(row.contiguous(), scalars, precision, table.contiguous(), names.contiguous(), None)
 
 
-class _LimbTokens(torch.autograd.Function):
+class LimbTokens(torch.autograd.Function):
+    """`limb_tokens` for autograd, and for `Call`."""
+
     @staticmethod
     def forward(
         ctx: Any, row: Tensor, scalars: Scalars, precision: torch.dtype, table: Tensor, names: Tensor
     ) -> Tensor:
+        """The output; keeps what the way back needs."""
         members, limbs, width = names.shape
-        kept = row.new_empty(members, len(row), limbs, width, dtype=precision)
+        kept = row.new_empty(members, row.shape[0], limbs, width, dtype=precision)
         ctx.save_for_backward(row, table, names, kept)
         ctx.scalars, ctx.precision = scalars, precision
         return _forward(row, scalars, precision, table, names, kept)
@@ -73,6 +76,7 @@ class _LimbTokens(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
+        """Gradients of all arguments; None of those that have none or need none."""
         row, table, names, kept = ctx.saved_tensors
         gradients = ThreadGradients((table, names), True)
         _call(
@@ -86,7 +90,7 @@ def _forward(
     row: Tensor, scalars: Scalars, precision: torch.dtype, table: Tensor, names: Tensor, kept: Tensor | None
 ) -> Tensor:
     members, limbs, width = names.shape
-    result = row.new_empty(members, len(row), limbs, width, dtype=precision)
+    result = row.new_empty(members, row.shape[0], limbs, width, dtype=precision)
     saved = None if kept is None else pointer(kept)
     _call("limb_tokens_forward", row, scalars, precision, table, names, saved, pointer(result))
     return result
@@ -98,6 +102,6 @@ def _call(
     kernel = function(name, precision)
     assert kernel is not None
     members, limbs, width = names.shape
-    sizes = integers(members, len(row), limbs, width, row.shape[1], table.shape[1])
+    sizes = integers(members, row.shape[0], limbs, width, row.shape[1], table.shape[1])
     places = map(pointer, (scalars.firsts, scalars.columns, scalars.texts, row, table, names))
     kernel(sizes, torch.get_num_threads(), *places, *arguments)

@@ -55,6 +55,6 @@ def _forward(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
 def _call(name: str, x: Tensor, weight: Tensor, *tensors: Tensor, **more: object) -> None:
     kernel = function(name, x.dtype)
     assert kernel is not None
-    sizes = integers(len(x), x[0, ..., 0].numel(), x.shape[-1])
+    sizes = integers(x.shape[0], x[0, ..., 0].numel(), x.shape[-1])
     own = (weight.contiguous(), *tensors)
     kernel(sizes, torch.get_num_threads(), *map(pointer, own), *more.values())

@@ -53,12 +53,14 @@ def perceptron_critic(
     """
     obs, action = obs.contiguous(), action.contiguous()
     if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in (obs, action, *parameters)):
-        result: Tensor = _Critic.apply(obs, action, readings, members, precision, *parameters)
+        result: Tensor = Critic.apply(obs, action, readings, members, precision, *parameters)
         return result
     return _forward(obs, action, readings, members, precision, parameters, ())
 
 
-class _Critic(torch.autograd.Function):
+class Critic(torch.autograd.Function):
+    """`perceptron_critic` for autograd, and for `Call`."""
+
     @staticmethod
     def forward(
         ctx: Any,
@@ -69,7 +71,8 @@ class _Critic(torch.autograd.Function):
         precision: torch.dtype,
         *parameters: Tensor,
     ) -> Tensor:
-        rows, width = len(obs) * len(readings.robots), parameters[0].shape[-1]
+        """The output; keeps what the way back needs."""
+        rows, width = obs.shape[0] * readings.robots.shape[0], parameters[0].shape[-1]
         saved = [obs.new_empty(members, rows, width, dtype=precision) for _ in range(1 + _layers(parameters))]
         ctx.save_for_backward(obs, action, *saved, *parameters)
         ctx.readings, ctx.members, ctx.precision, ctx.saved = readings, members, precision, len(saved)
@@ -78,6 +81,7 @@ class _Critic(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
+        """Gradients of all arguments; None of those that have none or need none."""
         obs, action, *rest = ctx.saved_tensors
         saved, parameters = rest[: ctx.saved], rest[ctx.saved :]
         inputs = [
@@ -102,7 +106,7 @@ def _forward(
     parameters: Sequence[Tensor],
     saved: Sequence[Tensor],
 ) -> Tensor:
-    result = obs.new_empty(members, len(obs), len(readings.robots), parameters[2].shape[-1])
+    result = obs.new_empty(members, obs.shape[0], readings.robots.shape[0], parameters[2].shape[-1])
     kept = pointers(saved) if saved else (ctypes.c_void_p * (1 + _layers(parameters)))()
     _call("critic_forward", obs, action, readings, members, precision, parameters, kept, pointer(result))
     return result
@@ -126,7 +130,7 @@ def _call(
     assert kernel is not None
     token, robot, head = parameters[:3]
     sizes = integers(
-        members, len(obs), len(readings.robots), token.shape[-1], _layers(parameters), head.shape[-1],
+        members, obs.shape[0], readings.robots.shape[0], token.shape[-1], _layers(parameters), head.shape[-1],
         obs.shape[1], action.shape[1], token.shape[1], robot.shape[1],
     )  # fmt: skip
     parameters = [parameter.contiguous() for parameter in parameters]

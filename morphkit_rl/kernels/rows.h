@@ -20,6 +20,9 @@ inline Floats exponential(Floats x) {
     return (p * r * r + r + 1.0f) * (Floats)((__builtin_convertvector(n, Integers) + 127) << 23);
 }
 
+// The first n numbers of x, and `other` behind them. Tiny numbers in place of zeros would cost hundreds of cycles.
+inline Floats used(Floats x, Index n, float other) { return lanes() < std::int32_t(std::min(n, LANES)) ? x : all(other); }
+
 // Writes softmax(scale * logits), padded with zeros; overwrites the logits.
 template <class T>
 void softmax(float* logits, Index n, float scale, T* out) {
@@ -29,12 +32,19 @@ void softmax(float* logits, Index n, float scale, T* out) {
     for (Index i = LANES; i < padded; i += LANES) most = load(logits + i) > most ? load(logits + i) : most;
     const float top = greatest(most);
     for (Index i = 0; i < padded; i += LANES) {
-        const Floats power = exponential((load(logits + i) - top) * scale);
+        const Floats power = used(exponential((load(logits + i) - top) * scale), n - i, 0);
         sum += power;
         store(logits + i, power);
     }
     const float share = 1 / total(sum);
     for (Index i = 0; i < padded; i += LANES) store(out + i, load(logits + i) * share);
+}
+
+// The same of up to LANES numbers: x, of which those from n on do not count.
+template <class T>
+void softmax_short(Floats x, Index n, T* out) {
+    const Floats top = all(greatest(used(x, n, -std::numeric_limits<float>::infinity()))), power = used(exponential(x - top), n, 0);
+    store(out, power * (1 / total(power)));
 }
 
 // Gradient of the logits from that of the attention weights.
@@ -46,17 +56,29 @@ void softmax_backward(const T* weights, Index padded, float scale, const float* 
     for (Index i = 0; i < padded; i += LANES) store(out + i, load(weights + i) * (load(gradient + i) - mean) * scale);
 }
 
+inline float load_first(const float* x) { return *x; }
+inline float load_first(const bfloat16* x) {
+    const std::uint32_t bits = std::uint32_t(x->bits) << 16;
+    float found;
+    std::memcpy(&found, &bits, sizeof(found));
+    return found;
+}
+
 struct Moments {
     float mean, scale;
 };
 
 template <class T>
 Moments moments(const T* y, Index n) {
+    const float near = load_first(y);  // Differences from a number of the row lose nothing where all are alike.
     Floats sum = {}, squares = {};
-    for (Index i = 0; i < n; i += LANES) sum += load(y + i);
-    const float mean = total(sum) / n;
-    for (Index i = 0; i < n; i += LANES) squares += (load(y + i) - mean) * (load(y + i) - mean);
-    return {mean, 1 / std::sqrt(total(squares) / n + EPSILON)};
+    for (Index i = 0; i < n; i += LANES) {
+        const Floats x = load(y + i) - near;
+        sum += x;
+        squares += x * x;
+    }
+    const float shift = total(sum) / n, variance = total(squares) / n - shift * shift;
+    return {near + shift, 1 / std::sqrt(std::max(variance, 0.0f) + EPSILON)};
 }
 
 template <class T>

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 import torch
 import torch.nn.functional as F
@@ -26,7 +27,7 @@ class MemberLinear(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Map each member's rows, in the precision of `x`."""
-        members = len(x)
+        members = x.shape[0]  # len(x) takes PyTorch several times as long
         return affine(x, first(self.weight, members), None if self.bias is None else first(self.bias, members))
 
     def draw(self, weight: float | None = None, bias: float | None = None) -> MemberLinear:
@@ -51,7 +52,7 @@ def affine(x: Tensor, weight: Tensor, bias: Tensor | None) -> Tensor:
 
 def first(parameter: Tensor, members: int) -> Tensor:
     """Parameter of the first `members` members."""
-    return parameter if len(parameter) == members else parameter[:members]
+    return parameter if parameter.shape[0] == members else parameter[:members]
 
 
 class TransformerLayer(nn.Module):
@@ -93,9 +94,13 @@ class TransformerLayer(nn.Module):
 
     def mix_kin(self, x: Tensor, kinship: Kinship, relation_bias: Tensor) -> Tensor:
         """The same by the compiled kernel, with the bias (members, heads, kinds) of each kind of kinship."""
+        return limb_layer(x, kinship, self.heads, [*self.map_parameters, relation_bias])
+
+    @cached_property
+    def map_parameters(self) -> list[Tensor]:
+        """Weights and biases of all maps, in the order in which they follow each other."""
         parts = (self.qkv, self.out, self.expand, self.contract)
-        parameters = [parameter for part in parts for parameter in part.parameters()]
-        return limb_layer(x, kinship, self.heads, [*parameters, relation_bias])
+        return [parameter for part in parts for parameter in part.parameters()]
 
 
 def check_heads(d_model: int, heads: int) -> None:

@@ -109,7 +109,7 @@ class LimbEncoder(nn.Module):
 
     def read_names(self, slots: Slots, layout: Layout, members: int | None = None) -> Names:
         """Do what depends on the layout's names only, for the first `members` networks; default: all."""
-        members = members or len(self.value.weight)
+        members = members or self.value.weight.shape[0]
         return Names(
             slots=slots,
             layout=layout,
@@ -175,14 +175,20 @@ class Actor(nn.Module):
         """Act on normalized observation rows; `names`, from `read_names`, saves time while the weights stay."""
         limb_names, actuator_names = names or self.read_names(layout)
         limbs = self.encoder(obs, limb_names)[0]
-        if len(layout.action_limb) == 0:
+        if layout.num_actions == 0:
             return obs.new_zeros(obs.shape[0], 0)
         if layout.each_action_has_a_limb and actuator_heads.available(limbs):
-            parts = (*self.read.parameters(), actuator_names, *self.head.parameters())
-            return actuator_heads.actuator_heads(limbs, layout.action_limb, [part[0] for part in parts])
+            return actuator_heads.actuator_heads(limbs, layout.action_limb, self.head_parameters(actuator_names))
         x = self._own_limbs(F.layer_norm(limbs.float(), limbs.shape[-1:]), layout)
         hidden = F.relu(self.read(x.reshape(1, -1, x.shape[-1])).view(x.shape) + actuator_names)
         return torch.tanh(self.head(hidden.view(1, -1, x.shape[-1])).view(x.shape[:2]))
+
+    def head_parameters(self, actuator_names: Tensor) -> list[Tensor]:
+        """What the compiled heads take, with the actuators' part of `read_names`."""
+        read, head = self.read, self.head
+        assert read.bias is not None
+        assert head.bias is not None
+        return [part[0] for part in (read.weight, read.bias, actuator_names, head.weight, head.bias)]
 
     def _own_limbs(self, limbs: Tensor, layout: Layout) -> Tensor:
         """(batch, actuators, d_model) tokens of the limbs that actuators drive; the mean where it is no single one."""

@@ -11,6 +11,8 @@ Robots share everything but their vector r; the vectors t are shared by tokens w
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
 from weakref import WeakKeyDictionary
 
 import torch
@@ -20,6 +22,7 @@ from torch import Tensor, nn
 from morphkit.errors import ConfigError
 from morphkit_rl.config.learner_config import LearnerConfig
 from morphkit_rl.kernels import perceptron_critic
+from morphkit_rl.kernels.call import Call
 from morphkit_rl.models.blocks import MemberLinear, first
 from morphkit_rl.models.layout import Layout
 from morphkit_rl.models.transformer import Norm
@@ -85,14 +88,36 @@ class PerceptronCritic(nn.Module):
             ConfigError: The layout holds a robot that is none of training.
         """
         reading = self._reading(layout)
-        if perceptron_critic.available(obs, self.token.shape[-1], self.precision):
-            parameters = self._parameters_in_order()
+        if self.suits_kernel(obs):
+            parameters = self.parameters_in_order
             output = perceptron_critic.perceptron_critic(
                 obs, action, reading.kernel, members, parameters, self.precision
             )
         else:
             output = self._compute(obs, action, reading, members)
         return output if self.atoms else output[..., 0]
+
+    def call(
+        self, obs: Tensor, action: Tensor, layout: Layout, wanted: Literal["parameters", "action"], members: int = 2
+    ) -> Call:
+        """`forward` by the compiled kernel without autograd, and its way back.
+
+        Args:
+            obs: As in `forward`.
+            action: As in `forward`.
+            layout: As in `forward`.
+            wanted: Whether gradients of the parameters, in the order of `parameters_in_order`, or those of the actions
+                are wanted; backward gives them as its last and as its second.
+            members: As in `forward`.
+        """
+        own = self.parameters_in_order
+        rest = [wanted == "action", False, False, False, *[wanted == "parameters"] * len(own)]
+        arguments = (obs, action, self._reading(layout).kernel, members, self.precision, *own)
+        return Call(perceptron_critic.Critic, *arguments, wanted=(False, *rest))
+
+    def suits_kernel(self, obs: Tensor) -> bool:
+        """Whether `call` can value actions at such observations."""
+        return perceptron_critic.available(obs, self.token.shape[-1], self.precision)
 
     def _compute(self, obs: Tensor, action: Tensor, reading: _Reading, members: int) -> Tensor:
         row = F.pad(torch.cat([obs, action], -1), (0, 1)).to(self.precision)
@@ -105,7 +130,8 @@ class PerceptronCritic(nn.Module):
             x = F.relu(norm(linear(x)))
         return self.head(x).to(obs.dtype).view(members, len(reading.robot), len(obs), -1).transpose(1, 2)
 
-    def _parameters_in_order(self) -> list[Tensor]:
+    @cached_property
+    def parameters_in_order(self) -> list[Tensor]:
         """The parameters as the kernel takes them."""
         layers = zip(self.hidden, self.norms[1:], strict=True)
         parts = [self.head, self.norms[0], *(part for pair in layers for part in pair)]

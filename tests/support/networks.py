@@ -65,8 +65,8 @@ def rows(layout: Layout, batch: int = 5) -> tuple[torch.Tensor, torch.Tensor]:
     return obs, torch.rand(batch, layout.num_actions, generator=generator) * 2 - 1
 
 
-def batch_of(layout: Layout, size: int = 3) -> Batch:
-    rng = np.random.default_rng(3)
+def batch_of(layout: Layout, size: int = 3, rng: np.random.Generator | None = None) -> Batch:
+    rng = rng or np.random.default_rng(3)
     obs, next_obs = rng.standard_normal((2, size, layout.num_tokens)).astype("f4")
     action = rng.uniform(-1, 1, (size, layout.num_actions)).astype("f4")
     reward, discount = rng.random((2, size, layout.num_robots)).astype("f4")

@@ -13,7 +13,8 @@ from morphkit.errors import ConfigError
 from morphkit.readers import read
 from morphkit.registry import load
 from morphkit.tokens.spec import token_spec
-from morphkit_rl.algorithms.td3 import TD3, find_device, resolve_precision, saturation
+from morphkit_rl.algorithms.saturation import saturation, saturation_and_gradient
+from morphkit_rl.algorithms.td3 import TD3, find_device, resolve_precision
 from morphkit_rl.buffers.replay_buffer import Batch
 from morphkit_rl.config.learner_config import LearnerConfig
 from morphkit_rl.config.train_config import TD3Config
@@ -118,6 +119,7 @@ def test_saturation_penalty_is_added_to_the_actors_loss_and_pulls_it_back(layout
     exact = [math.atanh(a) for a in (-0.9, 0.5, 0.0, 1 - 1e-6)]
     torch.testing.assert_close(saturation(action).item(), sum(x**2 for x in exact) / 4)
     assert gradient[0, 0] < 0 < gradient[0, 1]
+    torch.testing.assert_close(saturation_and_gradient(action.detach()), (saturation(action).detach(), gradient))
 
     losses, sizes = {}, {}
     for penalty in (0.0, 10.0):
@@ -140,6 +142,7 @@ def test_a_margin_leaves_moderate_actions_alone_and_pulls_back_the_rest() -> Non
     torch.testing.assert_close(penalty.item(), (1.0 + 0.25) / 5)
     (gradient,) = torch.autograd.grad(penalty, action)
     assert gradient.sign().tolist() == [-1, 0, 0, 0, 1]
+    torch.testing.assert_close(saturation_and_gradient(action.detach(), 2.0), (penalty.detach(), gradient))
 
 
 def with_options(layout: Layout, config: TD3Config, **options: object) -> TD3:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import ctypes
-import functools
-import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +11,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from morphkit_rl.kernels import actuator_heads, library
+from morphkit_rl.kernels import actuator_heads
 from morphkit_rl.kernels.limb_layer import Kinship
 from morphkit_rl.models.blocks import MemberLinear, TransformerLayer, set_precision
 from morphkit_rl.models.layout import Layout
@@ -23,46 +20,12 @@ from morphkit_rl.models.perceptron_critic import PerceptronCritic
 from morphkit_rl.models.smp import MLP, Widths
 from morphkit_rl.models.transformer import EncoderLayer, Norm, read_tokens
 from morphkit_rl.models.vocabulary import Vocabulary
-from tests.support.kernels import LOAD, compiled
+from tests.support.kernels import compiled
 from tests.support.networks import ROBOTS, SIZE, layout_of, rows, spec
 from tests.support.published_networks import assert_same_networks, random_parents
 
 ERRORS = {torch.float32: 2e-6, torch.bfloat16: 0.2}
 """Of a whole gradient; in bfloat16, one relu in a hundred is on the other side of zero."""
-KINDS = {
-    "": (torch.float32, torch.bfloat16),
-    " -mno-avx512f": (torch.float32,),
-    " -mno-amx-bf16": (torch.bfloat16,),
-}
-"""Options of the compiler, the latter for processors with less than most servers have, and the precisions to test."""
-
-
-@pytest.fixture(params=[1, 3], ids="{}-threads".format)
-def threads(request: pytest.FixtureRequest) -> Iterator[int]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(request.param)
-    yield request.param
-    torch.set_num_threads(before)
-
-
-@functools.cache
-def made_with(options: str) -> ctypes.CDLL | None:
-    """Kernels compiled with these options, once for all tests even where nothing can be kept."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("CXX", os.environ.get("CXX", "g++") + options)
-        return LOAD.__wrapped__()
-
-
-@pytest.fixture(params=[(options, dtype) for options, dtypes in KINDS.items() for dtype in dtypes], ids=str)
-def precision(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[torch.dtype]:
-    options, dtype = request.param
-    if options:
-        monkeypatch.setattr(library, "load", functools.partial(made_with, options))
-    library.function.cache_clear()
-    if dtype == torch.bfloat16 and library.function("layer_forward", dtype) is None:
-        pytest.skip("a processor without bfloat16")
-    yield dtype
-    library.function.cache_clear()
 
 
 def spans(lengths: tuple[int, ...]) -> list[slice]:
@@ -171,7 +134,7 @@ def test_limb_layers(
     torch.manual_seed(0)
     layer, double = (LimbLayer(members, d_model, heads, hidden, robots) for _ in range(2))
     x = torch.randn(members, batch, sum(robots), d_model).to(precision)
-    assert_exact("_LimbLayer", layer, double, lambda own, x: own(x), [x], precision)
+    assert_exact("LimbLayer", layer, double, lambda own, x: own(x), [x], precision)
 
 
 class LimbLayer(nn.Module):
@@ -223,7 +186,7 @@ def test_limb_tokens(
         torch.manual_seed(0)
         network = LimbTokens(members, layout, d_model, own).to(dtype)
         out = network(row.to(dtype))
-        assert (out.grad_fn.name() == "_LimbTokensBackward") is (dtype == torch.float32)
+        assert (out.grad_fn.name() == "LimbTokensBackward") is (dtype == torch.float32)
         weight = torch.arange(out.numel()).sin().view(out.shape)
         used = [*network.encoder.value.parameters(), *network.encoder.name.parameters()]
         found.append([out, *torch.autograd.grad(out, used, weight.to(out.dtype))])
@@ -262,7 +225,7 @@ def test_actuator_heads(
     torch.manual_seed(0)
     network, double = (Heads(torch.tensor(limb), d_model) for _ in range(2))
     x = torch.randn(batch, limbs, d_model).to(precision)
-    assert_exact("_ActuatorHeads", network, double, lambda own, x: own(x), [x], precision)
+    assert_exact("ActuatorHeads", network, double, lambda own, x: own(x), [x], precision)
 
 
 @compiled
@@ -279,7 +242,7 @@ def test_perceptron_critics(
     vocabulary = Vocabulary.of([spec(name) for name in ROBOTS])
     critic, double = (PerceptronCritic(vocabulary, width, layers, atoms) for _ in range(2))
     critic.precision, double.precision = precision, torch.float64
-    assert_exact("_Critic", critic, double, lambda own, *rows: own(*rows, layout), list(rows(layout, batch)), precision)
+    assert_exact("Critic", critic, double, lambda own, *rows: own(*rows, layout), list(rows(layout, batch)), precision)
 
 
 @compiled
