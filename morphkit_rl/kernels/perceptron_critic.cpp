@@ -3,7 +3,8 @@
 //
 //     y_0 = sum_i v_i t_i + r        h_k = relu(norm_k(y_k))        y_k = h_(k-1) W_k + b_k        result = h_last W + b
 //
-// Rows of a robot follow each other. Each thread carries blocks of rows through all layers, so that what lies between
+// Rows of a robot follow each other. The scalars of a row are laid out by text, zero where the robot has none, so that one
+// product serves all robots. Each thread carries blocks of rows through all layers, so that what lies between
 // two products never leaves its cache. Only the y_k are kept for the way back. Sums are float32. Members are independent
 // networks with the same scalars.
 
@@ -52,13 +53,13 @@ struct Problem {
     }
 };
 
-// Matrices of all members in panels, for h W or for g W^T: hidden layers from 1 on, the head, then each robot's vectors.
+// Matrices of all members in panels, for h W or for g W^T: hidden layers from 1 on, the head, then the vectors of texts.
 template <class T>
 class Packed {
   public:
-    // To be called by all threads of a parallel region. `first_layer`: whether the robots' vectors are wanted.
+    // To be called by all threads of a parallel region. `first_layer`: whether the vectors of texts are wanted.
     void fill(const Problem& p, const float* const* parameters, bool transposed, bool first_layer) {
-        const Index matrices = p.layers + 1 + (first_layer ? p.robots : 0);
+        const Index matrices = p.layers + 1 + (first_layer ? 1 : 0);
 #pragma omp single
         {
             starts_.assign(p.members * matrices + 1, 0);
@@ -80,18 +81,15 @@ class Packed {
             else if (matrix == p.layers)
                 for (Index i = 0; i < k; ++i)
                     copy_part(parameters[HEAD] + (member * k + i) * p.outputs, p.outputs, narrowed + i * n);
-            else {
-                const Reading& reading = p.readings[matrix - p.layers - 1];
-                for (Index i = 0; i < reading.scalars(); ++i)
-                    copy(parameters[TOKEN] + (member * p.texts + p.text[reading.first + i]) * n, n, narrowed + i * n);
-            }
+            else
+                copy(parameters[TOKEN] + member * k * n, k * n, narrowed);
             Word<T>* out = memory_.template of<Word<T>>(0) + starts_[part];
             transposed ? pack_transposed(narrowed, n, n, k, out) : pack(narrowed, n, k, n, out);
         }
     }
     const Word<T>* hidden(Index member, Index layer) { return get(member, layer - 1); }
     const Word<T>* head(const Problem& p, Index member) { return get(member, p.layers); }
-    const Word<T>* vectors(const Problem& p, Index member, Index robot) { return get(member, p.layers + 1 + robot); }
+    const Word<T>* vectors(const Problem& p, Index member) { return get(member, p.layers + 1); }
 
   private:
     Buffer memory_;
@@ -101,7 +99,7 @@ class Packed {
     static std::pair<Index, Index> shape(const Problem& p, Index matrix) {
         if (matrix < p.layers) return {p.width, p.width};
         if (matrix == p.layers) return {p.width, p.padded_outputs()};
-        return {p.readings[matrix - p.layers - 1].scalars(), p.width};
+        return {p.texts, p.width};
     }
     const Word<T>* get(Index member, Index matrix) {
         return memory_.template of<Word<T>>(0) + starts_[member * matrices_ + matrix];
@@ -117,7 +115,7 @@ struct Segment {
 };
 
 struct Scratch {
-    Buffer scalars, hidden, gradient[2], left, right, wide;
+    Buffer scalars, row, hidden, gradient[2], left, right, wide;
 };
 
 template <class T>
@@ -129,10 +127,9 @@ class Network {
     void forward(const Block& block, float* result) {
         const Index width = p.width, outputs = p.outputs;
         T* h = scratch.hidden.of<T>(block.rows * width);
-        each_segment(block, [&](const Segment& s) {
-            const float* vector = get(ROBOT, block) + p.readings[s.robot].vector * width;
-            apply(read(s), s.rows, p.readings[s.robot].scalars(), width, packed.vectors(p, block.member, s.robot),
-                  [&](Index r, const float* values) { keep(block, 0, s.row + r, values, vector, h); });
+        apply(read(block), block.rows, p.texts, width, packed.vectors(p, block.member), [&](Index r, const float* values) {
+            const Reading& reading = p.readings[(block.row + r) / p.batch];
+            keep(block, 0, r, values, get(ROBOT, block) + reading.vector * width, h);
         });
         for (Index layer = 1; layer <= p.layers; ++layer) {
             const float* bias = get(p.hidden(layer, BIAS), block);
@@ -177,7 +174,7 @@ class Network {
             }
             g = out;
         }
-        each_segment(block, [&](const Segment& s) { leave(block, s, g + s.row * width, obs_gradient, action_gradient, gradient); });
+        leave(block, g, obs_gradient, action_gradient, gradient);
     }
 
   private:
@@ -213,20 +210,26 @@ class Network {
         product(rows, n, words<T>(k), as_words(in), words<T>(k), 1, matrix, finish);
     }
 
-    // The scalars of a segment, each row a whole number of words.
-    T* read(const Segment& s) {
-        const Reading& reading = p.readings[s.robot];
-        const Index size = words<T>(reading.scalars()) * Words<T>::size;
-        T* out = scratch.scalars.of<T>(s.rows * size + LANES);
-        for (Index r = 0; r < s.rows; ++r) {
-            const float* obs = p.obs + (s.sample + r) * p.obs_width + reading.obs;
-            const float* action = p.action + (s.sample + r) * p.action_width + reading.action;
-            copy_exactly(obs, reading.obs_count, out + r * size);
-            copy_exactly(action, reading.action_count, out + r * size + reading.obs_count);
-            std::fill(out + r * size + reading.scalars(), out + (r + 1) * size, T());
-        }
+    // The scalars of a block by text, each row a whole number of words.
+    T* read(const Block& block) {
+        const Index size = row_size();
+        T* out = scratch.scalars.of<T>(block.rows * size + LANES);
+        float* row = scratch.row.of<float>(size + LANES);
+        each_segment(block, [&](const Segment& s) {
+            const Reading& reading = p.readings[s.robot];
+            const std::int64_t* text = p.text + reading.first;
+            for (Index r = 0; r < s.rows; ++r) {
+                const float* obs = p.obs + (s.sample + r) * p.obs_width + reading.obs;
+                const float* action = p.action + (s.sample + r) * p.action_width + reading.action;
+                std::fill(row, row + round_up(size, LANES), 0.0f);
+                for (Index i = 0; i < reading.obs_count; ++i) row[text[i]] += obs[i];
+                for (Index i = 0; i < reading.action_count; ++i) row[text[reading.obs_count + i]] += action[i];
+                copy_exactly(row, size, out + (s.row + r) * size);
+            }
+        });
         return out;
     }
+    Index row_size() const { return words<T>(p.texts) * Words<T>::size; }
     static void copy_exactly(const float* x, Index n, T* out) {
         Index i = 0;
         for (; i + LANES <= n; i += LANES) store(out + i, load(x + i));
@@ -270,24 +273,29 @@ class Network {
     }
     // From the gradient g of the first layer's y to those of vectors, observations and actions.
     template <class Gradient>
-    void leave(const Block& block, const Segment& s, const T* g, float* obs_gradient, float* action_gradient,
-               const Gradient& gradient) {
-        const Reading& reading = p.readings[s.robot];
-        const Index width = p.width, scalars = reading.scalars();
+    void leave(const Block& block, const T* g, float* obs_gradient, float* action_gradient, const Gradient& gradient) {
+        const Index width = p.width;
         if (float* sums = gradient(TOKEN)) {
-            const Index size = words<T>(scalars) * Words<T>::size;
-            weigh(read(s), size, scalars, g, width, s.rows,
-                  [&](Index r) { return sums + p.text[reading.first + r] * width; }, width);
-            float* robot = gradient(ROBOT) + reading.vector * width;
-            for (Index r = 0; r < s.rows; ++r) add(g + r * width, width, robot);
+            weigh(read(block), row_size(), p.texts, g, width, block.rows, [&](Index r) { return sums + r * width; }, width);
+            each_segment(block, [&](const Segment& s) {
+                float* robot = gradient(ROBOT) + p.readings[s.robot].vector * width;
+                for (Index r = 0; r < s.rows; ++r) add(g + (s.row + r) * width, width, robot);
+            });
         }
         if (!obs_gradient && !action_gradient) return;
-        apply(g, s.rows, width, scalars, packed.vectors(p, block.member, s.robot), [&](Index r, const float* values) {
-            const Index sample = block.member * p.batch + s.sample + r;
-            if (obs_gradient) std::copy_n(values, reading.obs_count, obs_gradient + sample * p.obs_width + reading.obs);
-            if (action_gradient)
-                std::copy_n(values + reading.obs_count, reading.action_count,
-                            action_gradient + sample * p.action_width + reading.action);
+        apply(g, block.rows, width, p.texts, packed.vectors(p, block.member), [&](Index r, const float* values) {
+            const Index row = block.row + r, sample = block.member * p.batch + row % p.batch;
+            const Reading& reading = p.readings[row / p.batch];
+            const std::int64_t* text = p.text + reading.first;
+            const auto pick = [&](float* out, Index count) {
+                for (Index i = 0; i < count; ++i) out[i] = values[text[i]];
+                text += count;
+            };
+            if (obs_gradient)
+                pick(obs_gradient + sample * p.obs_width + reading.obs, reading.obs_count);
+            else
+                text += reading.obs_count;
+            if (action_gradient) pick(action_gradient + sample * p.action_width + reading.action, reading.action_count);
         });
     }
 
