@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from morphkit.ablation.symmetry import other_side
 from morphkit.errors import ConfigError
-from morphkit.tokens.spec import SensorToken, TokenSpec
+from morphkit.tokens.spec import TokenSpec
+from morphkit_rl.algorithms.mirror import mirror_image, mirror_signs
 from morphkit_rl.algorithms.normalizer import CLIP
 from morphkit_rl.config.augment_config import AugmentConfig
 from morphkit_rl.models.layout import FOREIGN, Layout
-
-_ACROSS = {"position": "y", "translational_velocity": "y", "rotational_velocity": "xz", "exponential_map": "xz",
-           "gravity": "y", "body_rotational_velocity": "xz"}  # fmt: skip
-"""Components that change their sign where y is mirrored: of vectors that across the plane, of rotations the others."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +54,7 @@ class Augmentation:
         self.config, self.layout = config, layout
         self.image: Shown | None = None
         if config.mirror:
-            sign = np.concatenate([_signs(spec) for spec in layout.specs])
+            sign = np.concatenate([mirror_signs(spec) for spec in layout.specs])
             device = layout.embeddings.device
             self.image = Shown(
                 lay_out([mirror_image(spec) for spec in layout.specs]), torch.from_numpy(sign).to(device)
@@ -88,7 +84,7 @@ def make_augmentation(
     config: AugmentConfig, layout: Layout, lay_out: Callable[[Sequence[TokenSpec]], Layout]
 ) -> Augmentation | None:
     """The augmentation of some robots; None where the settings ask for none."""
-    return Augmentation(config, layout, lay_out) if any(astuple(config)) else None
+    return Augmentation(config, layout, lay_out) if config.in_updates else None
 
 
 def check_augmentation(config: AugmentConfig, method: str, tune: str) -> None:
@@ -99,27 +95,6 @@ def check_augmentation(config: AugmentConfig, method: str, tune: str) -> None:
         raise ConfigError(
             "augment.name_noise and augment.name_dropout change frozen embeddings; text.tune is not frozen"
         )
-
-
-def mirror_image(spec: TokenSpec) -> TokenSpec:
-    """A robot whose left limbs are called right and whose right ones left, if its base is planar; else the robot."""
-    if spec.base != "planar":
-        return spec
-    return replace(
-        spec,
-        sensors=tuple(replace(sensor, text=other_side(sensor.text)) for sensor in spec.sensors),
-        actuators=tuple(replace(actuator, text=other_side(actuator.text)) for actuator in spec.actuators),
-    )
-
-
-def _signs(spec: TokenSpec) -> np.ndarray:
-    """float32 (tokens,), -1 where the mirror image senses the opposite."""
-    across = [spec.base == "planar" and _is_across(sensor) for sensor in spec.sensors]
-    return np.where(across, -1, 1).astype(np.float32)
-
-
-def _is_across(sensor: SensorToken) -> bool:
-    return sensor.component is not None and sensor.component in _ACROSS.get(sensor.quantity, "")
 
 
 def _hide(layout: Layout, hidden: np.ndarray) -> Layout:

@@ -14,7 +14,7 @@ from morphkit_rl.algorithms.policy import Policy
 from morphkit_rl.config.parsing import override
 from morphkit_rl.config.train_config import TrainConfig, load_config
 from morphkit_rl.models.anymorph import LearnedTokens
-from morphkit_rl.models.vocabulary import Vocabulary
+from morphkit_rl.models.vocabulary import Vocabulary, places
 from morphkit_rl.runs import run_settings, saved_policy
 from morphkit_rl.runs.saved_policy import SavedPolicy
 from morphkit_rl.runs.trusted_encoder import with_encoder
@@ -80,13 +80,15 @@ def _fit(config: TrainConfig, own: TrainConfig) -> TrainConfig:
 def join_vocabulary(own: Vocabulary, policy: Policy) -> Vocabulary:
     """The vocabulary of the training robots with the names that the policy knows besides."""
     known = policy.vocabulary or Vocabulary()
+    texts = tuple(sorted({*own.texts, *known.texts}))
     return replace(
         own,
         sensors=tuple(sorted({*own.sensors, *known.sensors})),
         actions=tuple(sorted({*own.actions, *known.actions})),
-        texts=tuple(sorted({*own.texts, *known.texts})),
+        texts=texts,
         scalars=max(own.scalars, known.scalars),
         children=max(own.children, known.children),
+        bodies=places([*own.texts_of_bodies(), *known.texts_of_bodies()], texts),
     )
 
 

@@ -16,6 +16,7 @@ from morphkit.errors import CheckpointError, ConfigError
 from morphkit.morphology import Base
 from morphkit.tokens.spec import TokenSpec
 from morphkit_rl.algorithms.baked_policy import BakedPolicy
+from morphkit_rl.algorithms.mirror import better_known, mirror_signs
 from morphkit_rl.algorithms.normalizer import Normalizer
 from morphkit_rl.config.methods import find_method
 from morphkit_rl.config.train_config import TrainConfig
@@ -242,11 +243,20 @@ class Policy:
         self._check_quantities(spec)
         method = find_method(self.config.model.method)
         method.check(spec, self.config.model, self.vocabulary)
-        layout = build_layout([spec], self.embedder, actions=method.actions)
+        shown = self._shown(spec)
+        layout = build_layout([shown], self.embedder, actions=method.actions)
         scale = shift = None
         if self.config.trainer.normalize:
             scale, shift = map(torch.from_numpy, self.normalizer.scale_and_shift(self.normalizer.index([spec])))
+            if shown is not spec:
+                scale = scale * torch.from_numpy(mirror_signs(spec))
         return BakedPolicy(self.actor, layout, scale, shift)
+
+    def _shown(self, spec: TokenSpec) -> TokenSpec:
+        """The robot as the actor is to see it: itself or its mirror image."""
+        if not self.config.augment.mirror_unseen or self.vocabulary is None:
+            return spec
+        return better_known(spec, self.vocabulary.texts_of_bodies())
 
     def _prepare(self, spec: TokenSpec) -> Controller:
         baked = self.bake(spec)

@@ -1,4 +1,4 @@
-"""Settings of what the actor is shown in its updates besides the robots as they are."""
+"""Settings of what the actor is shown besides the robots as they are."""
 
 from __future__ import annotations
 
@@ -19,9 +19,17 @@ class AugmentConfig:
         limb_dropout: Probability that a limb is hidden from all other limbs.
         name_noise: Standard deviation of noise on the components of a text's embedding; theirs is about 1.
         name_dropout: Probability that a text reads like the mean of all texts.
+        mirror_unseen: Whether a policy, once it is trained, acts for a robot on a planar base as for its mirror image,
+            where that has more texts in common with a body of training than the robot. Updates do not change.
     """
 
     mirror: bool = False
     limb_dropout: float = bounded(0.0, at_most=1)
     name_noise: float = 0.0
     name_dropout: float = bounded(0.0, at_most=1)
+    mirror_unseen: bool = False
+
+    @property
+    def in_updates(self) -> bool:
+        """Whether updates show the actor anything else."""
+        return self.mirror or self.limb_dropout > 0 or self.name_noise > 0 or self.name_dropout > 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -21,6 +21,7 @@ class Vocabulary:
         scalars: Most scalars in a limb.
         children: Most children of a limb.
         robots: Names of the robots, in order.
+        bodies: For each body of training, places in `texts` of those of its tokens.
     """
 
     sensors: tuple[str, ...] = ()
@@ -29,6 +30,7 @@ class Vocabulary:
     scalars: int = 0
     children: int = 0
     robots: tuple[str, ...] = ()
+    bodies: tuple[tuple[int, ...], ...] = ()
 
     @classmethod
     def of(cls, specs: Sequence[TokenSpec]) -> Vocabulary:
@@ -48,14 +50,27 @@ class Vocabulary:
                     actions.add(name)
                     texts.add(text)
         names = tuple(spec.morphology for spec in specs)
-        return cls(tuple(sorted(sensors)), tuple(sorted(actions)), tuple(sorted(texts)), scalars, children, names)
+        ordered = tuple(sorted(texts))
+        bodies = places([spec.texts for spec in specs], ordered)
+        return cls(tuple(sorted(sensors)), tuple(sorted(actions)), ordered, scalars, children, names, bodies)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Vocabulary:
         """Read what `to_dict` gave, also after a journey through JSON."""
         sensors, actions, texts = (tuple(values[key]) for key in ("sensors", "actions", "texts"))
-        return cls(sensors, actions, texts, values["scalars"], values["children"], tuple(values.get("robots", ())))
+        robots, bodies = tuple(values.get("robots", ())), tuple(map(tuple, values.get("bodies", ())))
+        return cls(sensors, actions, texts, values["scalars"], values["children"], robots, bodies)
+
+    def texts_of_bodies(self) -> list[set[str]]:
+        """Texts of the tokens of each body of training; none where a checkpoint does not say them."""
+        return [{self.texts[place] for place in body} for body in self.bodies]
 
     def to_dict(self) -> dict[str, Any]:
         """The fields as JSON can hold them."""
         return asdict(self)
+
+
+def places(bodies: Iterable[Iterable[str]], texts: Sequence[str]) -> tuple[tuple[int, ...], ...]:
+    """Where in `texts` those of each body are, each once, in order."""
+    place = {text: number for number, text in enumerate(texts)}
+    return tuple(tuple(sorted({place[text] for text in body})) for body in bodies)

@@ -71,6 +71,7 @@ class VocabularyEntry(Part):
     scalars: Count
     children: Count
     robots: list[str] = []
+    bodies: list[list[Count]] = []
 
 
 class _Sweeps(Part):

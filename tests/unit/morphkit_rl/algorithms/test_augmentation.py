@@ -11,7 +11,8 @@ import torch
 from morphkit.ablation.symmetry import other_side
 from morphkit.errors import ConfigError
 from morphkit.registry import load
-from morphkit_rl.algorithms.augmentation import Augmentation, Shown, check_augmentation, mirror_image
+from morphkit_rl.algorithms.augmentation import Augmentation, Shown, check_augmentation
+from morphkit_rl.algorithms.mirror import mirror_image
 from morphkit_rl.config.augment_config import AugmentConfig
 from morphkit_rl.envs.batch_env import BatchEnv
 from morphkit_rl.envs.robot import prepare
