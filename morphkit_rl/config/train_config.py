@@ -162,11 +162,18 @@ class TrainConfig:
     trainer: TrainerConfig = field(default_factory=TrainerConfig)
 
     def __post_init__(self) -> None:
-        if self.trainer.critic_sensors and self.learner.critic != "perceptron":
+        if self.critics_see_more and self.learner.critic != "perceptron":
             raise ConfigError(
                 "trainer.critic_sensors needs learner.critic = 'perceptron': the critics of a published method see what"
-                " its policy sees"
+                " its policy sees; set trainer.critic_sensors to []"
             )
+
+    @property
+    def critics_see_more(self) -> bool:
+        """Whether critics see what the policy does not."""
+        policy, critics = self.trainer.sensors, self.trainer.critic_sensors
+        everything = not policy or "all" in policy
+        return bool(critics) and not (everything and set(critics) == {"all"})
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Sections and their settings, as JSON and TOML can hold them."""

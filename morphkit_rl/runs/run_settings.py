@@ -227,7 +227,7 @@ def prepare_robot(
         drawn=drawn,
         actuation=None if trainer.actuation == "default" else trainer.actuation,
         control_frequency=trainer.control_frequency or None,
-        critic_sensors=trainer.critic_sensors if critics else (),
+        critic_sensors=trainer.critic_sensors if critics and config.critics_see_more else (),
     )
 
 

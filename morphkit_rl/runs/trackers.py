@@ -7,6 +7,7 @@ import json
 import os
 import secrets
 import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
@@ -92,6 +93,12 @@ def named_errors(run: Path, service: Service) -> Iterator[None]:
         raise OutputError(f"{run}: cannot track with {service}: {str(error).splitlines()[0]}") from None
 
 
+def _await_next_second(folder: Path) -> None:
+    """TensorBoard reads files in the order of their names, of which one second is the least that tells them apart."""
+    while list(folder.glob(f"events.out.tfevents.{int(time.time()):010d}.*")):
+        time.sleep(0.05)
+
+
 class _TensorBoard:
     films: tuple[str, ...] = (".gif",)
 
@@ -99,6 +106,7 @@ class _TensorBoard:
         from torch.utils.tensorboard import SummaryWriter
 
         purge = None if steps is None else steps + 1  # it takes this step too
+        _await_next_second(run / "tensorboard")
         self._writer = SummaryWriter(str(run / "tensorboard"), purge_step=purge)
         if settings and steps == 0:
             text = "\n".join(f"    {line}" for line in json.dumps(settings, indent=2).splitlines())

@@ -59,7 +59,7 @@ class Session:
         torch.manual_seed(settings.seed)
         self.rng = np.random.default_rng([settings.seed, 1])
         start = None if settings.start is None else load_start(settings.start, config)
-        seen = [robot.seen for robot in robots] if config.trainer.critic_sensors else None
+        seen = [robot.seen for robot in robots] if config.critics_see_more else None
         self.agent = Agent(config, [robot.spec for robot in robots], settings.device, start, seen)
         self.collector = Collector(robots, self.agent.robots.layout.stored, config.trainer, settings.seed)
         self.schedule = make_schedule(config, self.agent, self.collector, self.rng, settings.seed)

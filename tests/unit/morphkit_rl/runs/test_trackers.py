@@ -44,6 +44,14 @@ def finish(run: Path, service: trackers.Service, film: Path) -> None:
     tracker.close()
 
 
+def test_files_of_tensorboard_are_in_order_however_fast_they_follow_each_other(tmp_path: Path) -> None:
+    begun = []
+    for _ in range(3):
+        trackers.open_tracker(tmp_path, "tensorboard", 0).close()
+        begun.append({file.name.split(".")[3] for file in (tmp_path / "tensorboard").iterdir()})
+    assert [len(seconds) for seconds in begun] == [1, 2, 3]
+
+
 def test_tensorboard_has_settings_curves_table_and_film(run: Path, film: Path) -> None:
     finish(run, "tensorboard", film)
     events = EventAccumulator(str(run / "tensorboard")).Reload()

@@ -9,7 +9,7 @@ import pytest
 
 from morphkit.errors import ConfigError, UnknownNameError
 from morphkit.registry import load
-from morphkit_rl.config.train_config import TrainConfig
+from morphkit_rl.config.train_config import TrainConfig, load_config
 from morphkit_rl.envs.selection import sensor_columns
 from morphkit_rl.evaluation.evaluate import evaluate
 from morphkit_rl.runs import run_settings
@@ -21,7 +21,7 @@ ROBOTS = ("hopper", "walker")
 
 
 def settings(*overrides: str) -> TrainConfig:
-    return small_config("trainer.sensors=proprioceptive", "td3.n_step=2", *overrides)
+    return small_config("trainer.sensors=proprioceptive", "td3.n_step=2", "trainer.critic_sensors=[]", *overrides)
 
 
 def asymmetric(*overrides: str) -> TrainConfig:
@@ -86,6 +86,16 @@ def test_what_only_critics_see_moves_values_but_no_actions() -> None:
     np.testing.assert_array_equal(action, own.agent.explore(changed))
     values = [learner.critic(*map(learner._tensor, (rows, action)), view.layout.stored) for rows in (obs, changed)]
     assert not np.array_equal(*(value.detach().numpy() for value in values))
+    own.close()
+
+
+def test_critics_see_everything_by_default_where_the_policy_does_not() -> None:
+    assert load_config("default", ["trainer.sensors=proprioceptive"]).critics_see_more
+    for overrides in ([], ["trainer.sensors=all"], ["trainer.sensors=proprioceptive", "trainer.critic_sensors=[]"]):
+        assert not load_config("default", overrides).critics_see_more
+    assert not load_config("default", ["learner.critic=method", "learner.value=scalar"]).critics_see_more
+    own = session(small_config())
+    assert own.agent.robots.layout.whole is None
     own.close()
 
 
