@@ -185,13 +185,15 @@ class Parts {
         Word<T>* keys = shared.keys.of<Word<T>>(packed_size<T>(head, n));
         pack_transposed(qkv + sizes.width, step, head, n, keys);
         const float scale = 1 / std::sqrt(float(head));
+        const float* bias = relations.bias + first / head * relations.kinds;
+        const bool small = relations.kinds && n <= LANES && relations.kinds <= LANES;
+        const Floats biases = load_part<Floats>(bias, small ? relations.kinds : 0);
         product(n, n, words<T>(head), as_words(qkv), words<T>(step), 1, keys,
                 [&](Index r, float* logits) {
             if (!relations.kinds) return softmax(logits, n, scale, weights + r * ld);
-            const float* bias = relations.bias + first / head * relations.kinds;
             const std::int32_t* kind = relations.of(sequence) + r * n;
-            if (n <= LANES && relations.kinds <= LANES) {
-                const Floats added = __builtin_shuffle(load_part<Floats>(bias, relations.kinds), load_part<Integers>(kind, n));
+            if (small) {
+                const Floats added = __builtin_shuffle(biases, load_part<Integers>(kind, n));
                 return softmax_short(load(logits) * scale + added, n, weights + r * ld);
             }
             for (Index i = 0; i < n; ++i) logits[i] = logits[i] * scale + bias[kind[i]];

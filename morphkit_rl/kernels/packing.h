@@ -14,7 +14,7 @@
 #include <memory>
 #include <utility>
 
-#ifdef __AVX512BF16__
+#ifdef __AVX512F__
 #include <immintrin.h>
 #endif
 
@@ -32,14 +32,19 @@ typedef std::int32_t Integers __attribute__((vector_size(4 * LANES), may_alias))
 // Numbers of four bytes; lanes from `count` on are zeros.
 template <class Vector>
 Vector load_part(const void* x, Index count) {
+#ifdef __AVX512F__
+    return (Vector)_mm512_maskz_loadu_epi32(__mmask16((1u << count) - 1), x);
+#else
     Vector found = {};
-    if (count == LANES)
-        std::memcpy(&found, x, sizeof(found));
-    else
-        std::memcpy(&found, x, count * 4);
+    std::memcpy(&found, x, count * 4);
+    return found;
+#endif
+}
+inline Floats load(const float* x) {
+    Floats found;
+    std::memcpy(&found, x, sizeof(found));
     return found;
 }
-inline Floats load(const float* x) { return load_part<Floats>(x, LANES); }
 inline void store(float* out, Floats x) { std::memcpy(out, &x, sizeof(x)); }
 
 struct bfloat16 {
