@@ -88,6 +88,7 @@ def join_vocabulary(own: Vocabulary, policy: Policy) -> Vocabulary:
         texts=texts,
         scalars=max(own.scalars, known.scalars),
         children=max(own.children, known.children),
+        quantities=tuple(sorted({*own.quantities, *known.quantities})),
         bodies=places([*own.texts_of_bodies(), *known.texts_of_bodies()], texts),
     )
 

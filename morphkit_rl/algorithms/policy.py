@@ -271,7 +271,8 @@ class Policy:
 
     def _check_quantities(self, spec: TokenSpec) -> None:
         chosen = self.config.trainer.sensors
-        known = {key.partition("/")[0] for key in self.normalizer.keys}
+        statistics = {key.partition("/")[0] for key in self.normalizer.keys}  # those of critics, too
+        known = (self.vocabulary and set(self.vocabulary.quantities)) or statistics
         beyond = [quantity for quantity in dict.fromkeys(s.quantity for s in spec.sensors) if quantity not in known]
         if chosen and beyond:
             raise ConfigError(

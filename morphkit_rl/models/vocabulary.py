@@ -22,6 +22,7 @@ class Vocabulary:
         children: Most children of a limb.
         robots: Names of the robots, in order.
         bodies: For each body of training, places in `texts` of those of its tokens.
+        quantities: Sorted distinct quantities of the sensor tokens.
     """
 
     sensors: tuple[str, ...] = ()
@@ -31,6 +32,7 @@ class Vocabulary:
     children: int = 0
     robots: tuple[str, ...] = ()
     bodies: tuple[tuple[int, ...], ...] = ()
+    quantities: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, specs: Sequence[TokenSpec]) -> Vocabulary:
@@ -52,14 +54,17 @@ class Vocabulary:
         names = tuple(spec.morphology for spec in specs)
         ordered = tuple(sorted(texts))
         bodies = places([spec.texts for spec in specs], ordered)
-        return cls(tuple(sorted(sensors)), tuple(sorted(actions)), ordered, scalars, children, names, bodies)
+        quantities = tuple(sorted({sensor.quantity for spec in specs for sensor in spec.sensors}))
+        known = tuple(sorted(sensors)), tuple(sorted(actions)), ordered
+        return cls(*known, scalars, children, names, bodies, quantities)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Vocabulary:
         """Read what `to_dict` gave, also after a journey through JSON."""
         sensors, actions, texts = (tuple(values[key]) for key in ("sensors", "actions", "texts"))
-        robots, bodies = tuple(values.get("robots", ())), tuple(map(tuple, values.get("bodies", ())))
-        return cls(sensors, actions, texts, values["scalars"], values["children"], robots, bodies)
+        robots, quantities = (tuple(values.get(key, ())) for key in ("robots", "quantities"))
+        bodies = tuple(map(tuple, values.get("bodies", ())))
+        return cls(sensors, actions, texts, values["scalars"], values["children"], robots, bodies, quantities)
 
     def texts_of_bodies(self) -> list[set[str]]:
         """Texts of the tokens of each body of training; none where a checkpoint does not say them."""

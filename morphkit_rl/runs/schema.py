@@ -72,6 +72,7 @@ class VocabularyEntry(Part):
     children: Count
     robots: list[str] = []
     bodies: list[list[Count]] = []
+    quantities: list[str] = []
 
 
 class _Sweeps(Part):
