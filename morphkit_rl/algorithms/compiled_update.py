@@ -38,7 +38,7 @@ def update_critics(
     assert isinstance(learner.critic_loss, CrossEntropy)
     weight = torch.full_like(factor, 1 / (len(factor) * len(batch.reward)))
     call = critic.call(batch.obs, batch.action, stored, "parameters")
-    graded = categorical.categorical_error(
+    errors = categorical.categorical_error(
         call.output,
         target(batch.next_obs, next_action, stored),
         batch.reward,
@@ -49,10 +49,10 @@ def update_critics(
         value_weight=weight / factor,
     )
     parameters = critic.parameters_in_order
-    gradients = call.backward(graded.gradient)[-len(parameters) :]
+    gradients = call.backward(errors.gradient)[-len(parameters) :]
     averages = [(target.parameters_in_order, learner.config.tau)] if follow else []
     adam.adam_step(learner.critic_optimizer, parameters, gradients, learner.config.gradient_clip, averages)
-    return {"critic_loss": graded.sum, "q_mean": graded.value}
+    return {"critic_loss": errors.error, "q_mean": errors.value}
 
 
 @torch.no_grad()
@@ -64,8 +64,8 @@ def update_actor(learner: Learner, obs: Tensor, layout: Layout) -> Tensor:
     members = 1 if options.actor_objective == "first" else 2
     call = learner.critic.call(obs, own.action, layout.stored, "action", members)
     weight = obs.new_full((layout.num_robots,), -1 / (layout.num_robots * len(obs)))
-    graded = categorical.categorical_value(call.output, learner.critic_loss.support, weight)
-    loss, gradient = graded.sum, call.backward(graded.gradient)[1]
+    loss, climb = categorical.categorical_value(call.output, learner.critic_loss.support, weight)
+    gradient = call.backward(climb)[1]
     if config.saturation_penalty > 0:
         penalty, more = saturation_and_gradient(own.action, options.saturation_margin)
         loss = loss + config.saturation_penalty * penalty

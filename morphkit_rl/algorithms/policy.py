@@ -248,9 +248,8 @@ class Policy:
         scale = shift = None
         if self.config.trainer.normalize:
             scale, shift = map(torch.from_numpy, self.normalizer.scale_and_shift(self.normalizer.index([spec])))
-            if shown is not spec:
-                scale = scale * torch.from_numpy(mirror_signs(spec))
-        return BakedPolicy(self.actor, layout, scale, shift)
+        sign = None if shown is spec else torch.from_numpy(mirror_signs(spec))
+        return BakedPolicy(self.actor, layout, scale, shift, sign)
 
     def _shown(self, spec: TokenSpec) -> TokenSpec:
         """The robot as the actor is to see it: itself or its mirror image."""

@@ -12,16 +12,16 @@ from morphkit_rl.kernels.library import function, integers, pointer
 
 
 @dataclass(frozen=True, slots=True)
-class Graded:
-    """Sums over samples and robots, and the gradient of the first one.
+class Errors:
+    """Sums over samples and robots.
 
     Attributes:
-        sum: What is learned from, a scalar.
+        error: Sum of weighted errors, a scalar.
         value: Sum of weighted values, a scalar.
-        gradient: That of `sum` with regard to the logits, like them.
+        gradient: That of `error` with regard to the logits, like them.
     """
 
-    sum: Tensor
+    error: Tensor
     value: Tensor
     gradient: Tensor
 
@@ -41,7 +41,7 @@ def categorical_error(
     reward_scale: Tensor,
     weight: Tensor,
     value_weight: Tensor,
-) -> Graded:
+) -> Errors:
     """Weighted sum of the errors of twin critics, and of their values.
 
     Args:
@@ -59,15 +59,14 @@ def categorical_error(
     inputs = (logits, next_logits, reward, discount, reward_scale, weight, value_weight)
     _call("categorical_error", (batch, robots, atoms), support, *(x.contiguous() for x in inputs), gradient, sums)
     error, value = sums.float()
-    return Graded(error, value, gradient)
+    return Errors(error, value, gradient)
 
 
-def categorical_value(logits: Tensor, support: float, weight: Tensor) -> Graded:
-    """Weighted sum of the values that logits (members, batch, robots, atoms) say, means over members."""
-    gradient, sums = torch.empty_like(logits), torch.zeros(2, dtype=torch.float64)
-    _call("categorical_value", tuple(logits.shape), support, logits.contiguous(), weight.contiguous(), gradient, sums)
-    total = sums[0].float()
-    return Graded(total, total, gradient)
+def categorical_value(logits: Tensor, support: float, weight: Tensor) -> tuple[Tensor, Tensor]:
+    """Weighted sum of the values that logits (members, batch, robots, atoms) say, means over members; its gradient."""
+    gradient, total = torch.empty_like(logits), torch.zeros(1, dtype=torch.float64)
+    _call("categorical_value", tuple(logits.shape), support, logits.contiguous(), weight.contiguous(), gradient, total)
+    return total[0].float(), gradient
 
 
 def _call(name: str, sizes: tuple[int, ...], support: float, *tensors: Tensor) -> None:

@@ -24,8 +24,6 @@ constexpr int WEIGHT = 0, BIAS = 1, SCALE = 2, SHIFT = 3, A_LAYER = 4;
 // What a robot reads of an observation row and an action row.
 struct Reading {
     std::int64_t obs, obs_count, action, action_count, vector, first;  // `first`: its place in the list of texts.
-
-    Index scalars() const { return obs_count + action_count; }
 };
 
 struct Problem {

@@ -22,6 +22,10 @@ from morphkit_rl.runs import run_settings
 from morphkit_rl.text.embedder import TokenEmbedder
 from tests.support.networks import spec
 
+ACROSS = {
+    *(("position", "y"), ("translational_velocity", "y")),
+    *(("rotational_velocity", "x"), ("rotational_velocity", "z"), ("exponential_map", "x"), ("exponential_map", "z")),
+}
 TRAINED = ("humanoid_2d_7_right_leg", "humanoid_2d_9_full")
 
 
@@ -71,8 +75,9 @@ def policy(config: TrainConfig) -> Policy:
     return Policy(actor, normalizer, embedder, config, TRAINED, vocabulary)
 
 
-def test_a_policy_acts_for_a_body_as_for_its_image() -> None:
-    config = load_config("default", ["model.d_model=16"])
+@pytest.mark.parametrize("normalize", ["true", "false"])
+def test_a_policy_acts_for_a_body_as_for_its_image(normalize: str) -> None:
+    config = load_config("default", ["model.d_model=16", f"trainer.normalize={normalize}"])
     assert config.augment == AugmentConfig(mirror_unseen=True)
     mirroring, plain = policy(config), policy(replace(config, augment=AugmentConfig()))
     left, right = (
@@ -81,9 +86,7 @@ def test_a_policy_acts_for_a_body_as_for_its_image() -> None:
     order = [[own.text for own in right.sensors].index(other_side(sensor.text)) for sensor in left.sensors]
     acts = [[own.text for own in right.actuators].index(other_side(own.text)) for own in left.actuators]
     obs = np.random.default_rng(1).standard_normal((5, len(left.sensors))).astype("f4")
-    turned = ("translational_velocity", "rotational_velocity", "exponential_map")
-    obs[:, [sensor.quantity in turned for sensor in left.sensors]] = 0
-    sign = [-1 if (s.quantity, s.component) == ("position", "y") else 1 for s in left.sensors]
+    sign = [-1 if (sensor.quantity, sensor.component) in ACROSS else 1 for sensor in left.sensors]
     mirrored = np.empty_like(obs)
     mirrored[:, order] = obs * np.array(sign, np.float32)
     np.testing.assert_allclose(mirroring.act(left, obs), mirroring.act(right, mirrored)[:, acts], atol=1e-5)

@@ -73,7 +73,7 @@ def test_errors_of_categorical_values(batch: int, robots: int, atoms: int, suppo
         logits, next_logits, reward, discount, support, reward_scale=scale, weight=weight, value_weight=value_weight
     )
     value = (loss.expectation(exact).mean(0) * value_weight).sum()
-    assert found.sum.item() == pytest.approx(expected.item(), rel=1e-5)
+    assert found.error.item() == pytest.approx(expected.item(), rel=1e-5)
     assert found.value.item() == pytest.approx(value.item(), rel=1e-4, abs=1e-5)
     assert_near(found.gradient, *torch.autograd.grad(expected, exact))
 
@@ -86,9 +86,9 @@ def test_values_of_categorical_values(members: int) -> None:
     logits = 3 * torch.randn(members, 5, 2, 33)
     exact = logits.double().requires_grad_()
     expected = (loss.expectation(exact).mean(0) * weight).sum()
-    found = categorical.categorical_value(logits, 2.0, weight)
-    assert found.sum.item() == pytest.approx(expected.item(), rel=1e-5)
-    assert_near(found.gradient, *torch.autograd.grad(expected, exact))
+    value, gradient = categorical.categorical_value(logits, 2.0, weight)
+    assert value.item() == pytest.approx(expected.item(), rel=1e-5)
+    assert_near(gradient, *torch.autograd.grad(expected, exact))
 
 
 def test_a_call_is_a_function_without_autograd() -> None:
