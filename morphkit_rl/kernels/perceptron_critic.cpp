@@ -3,8 +3,8 @@
 //
 //     y_0 = sum_i v_i t_i + r        h_k = relu(norm_k(y_k))        y_k = h_(k-1) W_k + b_k        result = h_last W + b
 //
-// Rows of a robot follow each other. The scalars of a row are laid out by text, zero where the robot has none, so that one
-// product serves all robots. Each thread carries blocks of rows through all layers, so that what lies between
+// Rows of a robot follow each other. Robots with many texts in common form a group, in whose rows scalars are
+// laid out by text, zero where a robot has none, so that one product serves all of them. Each thread carries blocks of rows through all layers, so that what lies between
 // two products never leaves its cache. Only the y_k are kept for the way back. Sums are float32. Members are independent
 // networks with the same scalars.
 
@@ -23,13 +23,21 @@ constexpr int WEIGHT = 0, BIAS = 1, SCALE = 2, SHIFT = 3, A_LAYER = 4;
 
 // What a robot reads of an observation row and an action row.
 struct Reading {
-    std::int64_t obs, obs_count, action, action_count, vector, first;  // `first`: its place in the list of texts.
+    std::int64_t obs, obs_count, action, action_count, vector, first, group;  // `first`: its place in the list of places.
+};
+
+// Robots that are read together.
+struct Group {
+    std::int64_t first, texts;  // Place in the groups' list of texts, and how many are its own.
 };
 
 struct Problem {
     Index members, batch, robots, width, layers, outputs, obs_width, action_width, texts, robot_vectors;
     const Reading* readings;
-    const std::int64_t* text;  // Row of the vector of every scalar, robot by robot.
+    const std::int64_t* place;  // Of every scalar among its group's texts, robot by robot.
+    const Group* groups;
+    const std::int64_t* text;  // Row of the vector of every text, group by group.
+    Index group_count;
     const float *obs, *action;
 
     Index rows() const { return batch * robots; }
@@ -51,13 +59,13 @@ struct Problem {
     }
 };
 
-// Matrices of all members in panels, for h W or for g W^T: hidden layers from 1 on, the head, then the vectors of texts.
+// Matrices of all members in panels, for h W or for g W^T: hidden layers from 1 on, the head, then each group's vectors.
 template <class T>
 class Packed {
   public:
-    // To be called by all threads of a parallel region. `first_layer`: whether the vectors of texts are wanted.
+    // To be called by all threads of a parallel region. `first_layer`: whether the groups' vectors are wanted.
     void fill(const Problem& p, const float* const* parameters, bool transposed, bool first_layer) {
-        const Index matrices = p.layers + 1 + (first_layer ? 1 : 0);
+        const Index matrices = p.layers + 1 + (first_layer ? p.group_count : 0);
 #pragma omp single
         {
             starts_.assign(p.members * matrices + 1, 0);
@@ -79,15 +87,18 @@ class Packed {
             else if (matrix == p.layers)
                 for (Index i = 0; i < k; ++i)
                     copy_part(parameters[HEAD] + (member * k + i) * p.outputs, p.outputs, narrowed + i * n);
-            else
-                copy(parameters[TOKEN] + member * k * n, k * n, narrowed);
+            else {
+                const std::int64_t* text = p.text + p.groups[matrix - p.layers - 1].first;
+                for (Index i = 0; i < k; ++i)
+                    copy(parameters[TOKEN] + (member * p.texts + text[i]) * n, n, narrowed + i * n);
+            }
             Word<T>* out = memory_.template of<Word<T>>(0) + starts_[part];
             transposed ? pack_transposed(narrowed, n, n, k, out) : pack(narrowed, n, k, n, out);
         }
     }
     const Word<T>* hidden(Index member, Index layer) { return get(member, layer - 1); }
     const Word<T>* head(const Problem& p, Index member) { return get(member, p.layers); }
-    const Word<T>* vectors(const Problem& p, Index member) { return get(member, p.layers + 1); }
+    const Word<T>* vectors(const Problem& p, Index member, Index group) { return get(member, p.layers + 1 + group); }
 
   private:
     Buffer memory_;
@@ -97,19 +108,19 @@ class Packed {
     static std::pair<Index, Index> shape(const Problem& p, Index matrix) {
         if (matrix < p.layers) return {p.width, p.width};
         if (matrix == p.layers) return {p.width, p.padded_outputs()};
-        return {p.texts, p.width};
+        return {p.groups[matrix - p.layers - 1].texts, p.width};
     }
     const Word<T>* get(Index member, Index matrix) {
         return memory_.template of<Word<T>>(0) + starts_[member * matrices_ + matrix];
     }
 };
 
-// Rows of a member, and the part of a block that belongs to one robot.
+// Rows of a member, and the part of a block that belongs to one group.
 struct Block {
     Index member, row, rows;
 };
 struct Segment {
-    Index robot, sample, rows, row;  // `row`: within the block.
+    Index group, rows, row;  // `row`: within the block.
 };
 
 struct Scratch {
@@ -125,9 +136,11 @@ class Network {
     void forward(const Block& block, float* result) {
         const Index width = p.width, outputs = p.outputs;
         T* h = scratch.hidden.of<T>(block.rows * width);
-        apply(read(block), block.rows, p.texts, width, packed.vectors(p, block.member), [&](Index r, const float* values) {
-            const Reading& reading = p.readings[(block.row + r) / p.batch];
-            keep(block, 0, r, values, get(ROBOT, block) + reading.vector * width, h);
+        each_segment(block, [&](const Segment& s) {
+            apply(read(block, s), s.rows, p.groups[s.group].texts, width, packed.vectors(p, block.member, s.group),
+                  [&](Index r, const float* values) {
+                keep(block, 0, s.row + r, values, get(ROBOT, block) + reading(block, s.row + r).vector * width, h);
+            });
         });
         for (Index layer = 1; layer <= p.layers; ++layer) {
             const float* bias = get(p.hidden(layer, BIAS), block);
@@ -172,7 +185,7 @@ class Network {
             }
             g = out;
         }
-        leave(block, g, obs_gradient, action_gradient, gradient);
+        each_segment(block, [&](const Segment& s) { leave(block, s, g + s.row * width, obs_gradient, action_gradient, gradient); });
     }
 
   private:
@@ -194,12 +207,17 @@ class Network {
         return saved[layer] + (block.member * p.rows() + block.row + r) * p.width;
     }
 
+    const Reading& reading(const Block& block, Index r) const { return p.readings[(block.row + r) / p.batch]; }
+
     template <class Work>
     void each_segment(const Block& block, Work&& work) {
-        for (Index row = block.row; row < block.row + block.rows;) {
-            const Index robot = row / p.batch, rows = std::min((robot + 1) * p.batch, block.row + block.rows) - row;
-            work(Segment{robot, row % p.batch, rows, row - block.row});
-            row += rows;
+        for (Index row = 0; row < block.rows;) {
+            const Index group = reading(block, row).group;
+            Index last = row;
+            while (last < block.rows && reading(block, last).group == group) last += p.batch - (block.row + last) % p.batch;
+            last = std::min(last, block.rows);
+            work(Segment{group, last - row, row});
+            row = last;
         }
     }
 
@@ -208,26 +226,25 @@ class Network {
         product(rows, n, words<T>(k), as_words(in), words<T>(k), 1, matrix, finish);
     }
 
-    // The scalars of a block by text, each row a whole number of words.
-    T* read(const Block& block) {
-        const Index size = row_size();
-        T* out = scratch.scalars.of<T>(block.rows * size + LANES);
+    // The scalars of a segment by text, each row a whole number of words.
+    T* read(const Block& block, const Segment& s) {
+        const Index size = row_size(s);
+        T* out = scratch.scalars.of<T>(s.rows * size + LANES);
         float* row = scratch.row.of<float>(size + LANES);
-        each_segment(block, [&](const Segment& s) {
-            const Reading& reading = p.readings[s.robot];
-            const std::int64_t* text = p.text + reading.first;
-            for (Index r = 0; r < s.rows; ++r) {
-                const float* obs = p.obs + (s.sample + r) * p.obs_width + reading.obs;
-                const float* action = p.action + (s.sample + r) * p.action_width + reading.action;
-                std::fill(row, row + round_up(size, LANES), 0.0f);
-                for (Index i = 0; i < reading.obs_count; ++i) row[text[i]] += obs[i];
-                for (Index i = 0; i < reading.action_count; ++i) row[text[reading.obs_count + i]] += action[i];
-                copy_exactly(row, size, out + (s.row + r) * size);
-            }
-        });
+        for (Index r = 0; r < s.rows; ++r) {
+            const Reading& own = reading(block, s.row + r);
+            const std::int64_t* place = p.place + own.first;
+            const Index sample = (block.row + s.row + r) % p.batch;
+            const float* obs = p.obs + sample * p.obs_width + own.obs;
+            const float* action = p.action + sample * p.action_width + own.action;
+            std::fill(row, row + round_up(size, LANES), 0.0f);
+            for (Index i = 0; i < own.obs_count; ++i) row[place[i]] += obs[i];
+            for (Index i = 0; i < own.action_count; ++i) row[place[own.obs_count + i]] += action[i];
+            copy_exactly(row, size, out + r * size);
+        }
         return out;
     }
-    Index row_size() const { return words<T>(p.texts) * Words<T>::size; }
+    Index row_size(const Segment& s) const { return words<T>(p.groups[s.group].texts) * Words<T>::size; }
     static void copy_exactly(const float* x, Index n, T* out) {
         Index i = 0;
         for (; i + LANES <= n; i += LANES) store(out + i, load(x + i));
@@ -271,29 +288,27 @@ class Network {
     }
     // From the gradient g of the first layer's y to those of vectors, observations and actions.
     template <class Gradient>
-    void leave(const Block& block, const T* g, float* obs_gradient, float* action_gradient, const Gradient& gradient) {
+    void leave(const Block& block, const Segment& s, const T* g, float* obs_gradient, float* action_gradient,
+               const Gradient& gradient) {
+        const Group& group = p.groups[s.group];
         const Index width = p.width;
         if (float* sums = gradient(TOKEN)) {
-            weigh(read(block), row_size(), p.texts, g, width, block.rows, [&](Index r) { return sums + r * width; }, width);
-            each_segment(block, [&](const Segment& s) {
-                float* robot = gradient(ROBOT) + p.readings[s.robot].vector * width;
-                for (Index r = 0; r < s.rows; ++r) add(g + (s.row + r) * width, width, robot);
-            });
+            weigh(read(block, s), row_size(s), group.texts, g, width, s.rows,
+                  [&](Index r) { return sums + p.text[group.first + r] * width; }, width);
+            for (Index r = 0; r < s.rows; ++r)
+                add(g + r * width, width, gradient(ROBOT) + reading(block, s.row + r).vector * width);
         }
         if (!obs_gradient && !action_gradient) return;
-        apply(g, block.rows, width, p.texts, packed.vectors(p, block.member), [&](Index r, const float* values) {
-            const Index row = block.row + r, sample = block.member * p.batch + row % p.batch;
-            const Reading& reading = p.readings[row / p.batch];
-            const std::int64_t* text = p.text + reading.first;
-            const auto pick = [&](float* out, Index count) {
-                for (Index i = 0; i < count; ++i) out[i] = values[text[i]];
-                text += count;
+        apply(g, s.rows, width, group.texts, packed.vectors(p, block.member, s.group), [&](Index r, const float* values) {
+            const Reading& own = reading(block, s.row + r);
+            const Index sample = block.member * p.batch + (block.row + s.row + r) % p.batch;
+            const auto pick = [&](float* out, Index count, const std::int64_t* place) {
+                for (Index i = 0; out && i < count; ++i) out[i] = values[place[i]];
             };
-            if (obs_gradient)
-                pick(obs_gradient + sample * p.obs_width + reading.obs, reading.obs_count);
-            else
-                text += reading.obs_count;
-            if (action_gradient) pick(action_gradient + sample * p.action_width + reading.action, reading.action_count);
+            const std::int64_t* place = p.place + own.first;
+            pick(obs_gradient ? obs_gradient + sample * p.obs_width + own.obs : nullptr, own.obs_count, place);
+            pick(action_gradient ? action_gradient + sample * p.action_width + own.action : nullptr, own.action_count,
+                 place + own.obs_count);
         });
     }
 
@@ -351,10 +366,9 @@ void backward(const Problem& p, int threads, const float* const* parameters, T* 
     }
 }
 
-Problem problem(const std::int64_t* s, const std::int64_t* readings, const std::int64_t* text, const float* obs,
-                const float* action) {
-    return {s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7], s[8], s[9],
-            reinterpret_cast<const Reading*>(readings), text, obs, action};
+Problem problem(const std::int64_t* s, const std::int64_t* const* tables, const float* obs, const float* action) {
+    return {s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7], s[8], s[9], reinterpret_cast<const Reading*>(tables[0]),
+            tables[1], reinterpret_cast<const Group*>(tables[2]), tables[3], s[10], obs, action};
 }
 
 }  // namespace
@@ -362,18 +376,19 @@ Problem problem(const std::int64_t* s, const std::int64_t* readings, const std::
 extern "C" {
 
 // s: members, batch, robots, width, layers, outputs, widths of an observation row and of an action row, numbers of token
-// vectors and of robot vectors. Gradients of observations and actions have a leading axis of members.
+// vectors, of robot vectors and of groups. tables: readings, places, groups and texts, as in `Problem`. Gradients of
+// observations and actions have a leading axis of members.
 #define DEFINE(NAME, T)                                                                                                \
-    void critic_forward_##NAME(const std::int64_t* s, int threads, const std::int64_t* readings,                       \
-                               const std::int64_t* text, const float* const* parameters, const float* obs,             \
-                               const float* action, T* const* saved, float* result) {                                  \
-        forward<T>(problem(s, readings, text, obs, action), threads, parameters, saved, result);                       \
+    void critic_forward_##NAME(const std::int64_t* s, int threads, const std::int64_t* const* tables,                  \
+                               const float* const* parameters, const float* obs, const float* action,                 \
+                               T* const* saved, float* result) {                                                       \
+        forward<T>(problem(s, tables, obs, action), threads, parameters, saved, result);                               \
     }                                                                                                                  \
-    void critic_backward_##NAME(const std::int64_t* s, int threads, const std::int64_t* readings,                      \
-                                const std::int64_t* text, const float* const* parameters, const float* obs,            \
-                                const float* action, T* const* saved, const float* gradient, float* obs_gradient,      \
-                                float* action_gradient, float* const* gradients) {                                     \
-        backward<T>(problem(s, readings, text, obs, action), threads, parameters, saved, gradient, obs_gradient,       \
+    void critic_backward_##NAME(const std::int64_t* s, int threads, const std::int64_t* const* tables,                 \
+                                const float* const* parameters, const float* obs, const float* action,                \
+                                T* const* saved, const float* gradient, float* obs_gradient, float* action_gradient,   \
+                                float* const* gradients) {                                                             \
+        backward<T>(problem(s, tables, obs, action), threads, parameters, saved, gradient, obs_gradient,               \
                     action_gradient, gradients);                                                                       \
     }
 

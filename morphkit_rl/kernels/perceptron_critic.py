@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,19 +14,70 @@ from torch.autograd.function import once_differentiable
 
 from morphkit_rl.kernels.library import STEP, ThreadGradients, function, integers, pointer, pointers, takes
 
+_BATCH, _PACKING = 256, 60
+"""Rows of all robots together that groups are made for, and rows whose products cost what packing does."""
+
 
 @dataclass(frozen=True, eq=False)
 class Readings:
     """What the critics read of a row of observations and a row of actions, robot by robot.
 
     Attributes:
-        robots: (robots, 6) int64: first column and number of observations, first column and number of actions, row of
-            the robot's vector, place of its first text in `texts`.
-        texts: int64 rows of the vectors of all scalars: a robot's observations, then its actions, then the next robot.
+        robots: (robots, 7) int64: first column and number of observations, first column and number of actions, row of
+            the robot's vector, where its part of `places` begins, its group.
+        places: int64 place of every scalar's text among those of its group: a robot's observations, then its actions,
+            then the next robot.
+        groups: (groups, 2) int64: where a group's part of `texts` begins, and how many texts are its own.
+        texts: int64 rows of the texts' vectors, group by group.
     """
 
     robots: Tensor
+    places: Tensor
+    groups: Tensor
     texts: Tensor
+
+    @classmethod
+    def of(cls, robots: Sequence[Sequence[int]], texts: Sequence[Sequence[int]]) -> Readings:
+        """Those of robots that each read scalars of some texts.
+
+        Args:
+            robots: For each robot the first five numbers of `robots`.
+            texts: For each robot the rows of its scalars' vectors.
+        """
+        rows: list[list[int]] = []
+        groups: list[list[int]] = []
+        places: list[int] = []
+        listed: list[int] = []
+        for members in _grouped(texts):
+            own = list(dict.fromkeys(text for robot in members for text in texts[robot]))
+            place = {text: number for number, text in enumerate(own)}
+            for robot in members:
+                rows.append([*robots[robot], len(places), len(groups)])
+                places += [place[text] for text in texts[robot]]
+            groups.append([len(listed), len(own)])
+            listed += own
+        return cls(*(torch.tensor(numbers, dtype=torch.int64) for numbers in (rows, places, groups, listed)))
+
+
+def _grouped(texts: Sequence[Sequence[int]]) -> list[list[int]]:
+    """Neighboring robots in groups, where one product over all texts of a group costs less than one a robot.
+
+    A product costs a text so much for each row and, where its vector is packed, as much as for `_PACKING` rows.
+    """
+    rows = max(_BATCH // len(texts), 1)
+    found: list[list[int]] = []
+    union: set[int] = set()
+    for robot, own in enumerate(texts):
+        both = union | set(own)
+        together = len(both) * (rows * (len(found[-1]) + 1) + _PACKING) if found else math.inf
+        apart = len(union) * (rows * len(found[-1]) + _PACKING) + len(set(own)) * (rows + _PACKING) if found else 0
+        if together <= apart:
+            found[-1].append(robot)
+            union = both
+        else:
+            found.append([robot])
+            union = set(own)
+    return found
 
 
 def available(x: Tensor, width: int, precision: torch.dtype) -> bool:
@@ -131,10 +183,10 @@ def _call(
     token, robot, head = parameters[:3]
     sizes = integers(
         members, obs.shape[0], readings.robots.shape[0], token.shape[-1], _layers(parameters), head.shape[-1],
-        obs.shape[1], action.shape[1], token.shape[1], robot.shape[1],
+        obs.shape[1], action.shape[1], token.shape[1], robot.shape[1], readings.groups.shape[0],
     )  # fmt: skip
     parameters = [parameter.contiguous() for parameter in parameters]
     kernel(
-        sizes, torch.get_num_threads(), pointer(readings.robots), pointer(readings.texts), pointers(parameters),
-        pointer(obs), pointer(action), *arguments,
+        sizes, torch.get_num_threads(), pointers((readings.robots, readings.places, readings.groups, readings.texts)),
+        pointers(parameters), pointer(obs), pointer(action), *arguments,
     )  # fmt: skip

@@ -158,13 +158,11 @@ class PerceptronCritic(nn.Module):
         longest = max(map(len, columns))
         column = torch.tensor([own + [empty] * (longest - len(own)) for own in columns], device=place.device)
         robot = torch.tensor([self.robots[name] for name in names], device=place.device)
-        texts = torch.cat([text_of[own] for own in columns])
-        rows, first = [], 0
-        for number, (tokens, a) in enumerate(zip(layout.tokens, layout.actions, strict=True)):
-            width, actions = tokens.stop - tokens.start, a.stop - a.start
-            rows.append([tokens.start, width, a.start, actions, self.robots[names[number]], first])
-            first += width + actions
-        kernel = perceptron_critic.Readings(torch.tensor(rows), texts)
+        rows = [
+            [tokens.start, tokens.stop - tokens.start, a.start, a.stop - a.start, self.robots[name]]
+            for tokens, a, name in zip(layout.tokens, layout.actions, names, strict=True)
+        ]
+        kernel = perceptron_critic.Readings.of(rows, [text_of[own].tolist() for own in columns])
         return _Reading(column, F.pad(text_of, (0, 1))[column], robot, kernel)
 
 

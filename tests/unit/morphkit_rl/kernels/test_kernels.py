@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from morphkit_rl.kernels import actuator_heads
 from morphkit_rl.kernels.limb_layer import Kinship
+from morphkit_rl.kernels.perceptron_critic import Readings
 from morphkit_rl.models.blocks import MemberLinear, TransformerLayer, set_precision
 from morphkit_rl.models.layout import Layout
 from morphkit_rl.models.limb_former import LimbEncoder
@@ -232,7 +233,7 @@ def test_actuator_heads(
 @pytest.mark.parametrize(
     ("robots", "batch", "width", "layers", "atoms"),
     [(("hopper", "cheetah_4_back", "hopper_3"), 80, 64, 2, 101), (("cheetah_4_back",), 1, 16, 1, 7),
-     (("hopper_3", "hopper"), 7, 48, 3, 16)],
+     (("hopper_3", "hopper"), 7, 48, 3, 16), (("hopper", "hopper_3", "cheetah_4_back"), 80, 32, 1, 5)],
 )  # fmt: skip
 def test_perceptron_critics(
     robots: tuple[str, ...], batch: int, width: int, layers: int, atoms: int, precision: torch.dtype, threads: int
@@ -243,6 +244,15 @@ def test_perceptron_critics(
     critic, double = (PerceptronCritic(vocabulary, width, layers, atoms) for _ in range(2))
     critic.precision, double.precision = precision, torch.float64
     assert_exact("Critic", critic, double, lambda own, *rows: own(*rows, layout), list(rows(layout, batch)), precision)
+
+
+def test_robots_with_texts_in_common_are_read_together() -> None:
+    alike, others = [5, 3, 9, 7], [[100 * robot + i for i in range(4)] for robot in (1, 2)]
+    readings = Readings.of([[0, 3, 0, 1, robot] for robot in range(5)], [alike, alike[::-1], alike[:2], *others])
+    assert readings.robots[:, 5:].tolist() == [[0, 0], [4, 0], [8, 0], [10, 1], [14, 2]]
+    assert readings.places.tolist() == [0, 1, 2, 3, 3, 2, 1, 0, 0, 1, *range(4), *range(4)]
+    assert readings.groups.tolist() == [[0, 4], [4, 4], [8, 4]]
+    assert readings.texts.tolist() == [*alike, *others[0], *others[1]]
 
 
 @compiled
