@@ -35,8 +35,10 @@ def main() -> None:
     columns = f"{'robot':24s} {'most':>8s} {'still':>8s} {'steps':>6s} {'random':>8s} {'steps':>6s}"
     print(f"{columns}  stiffness, damping of servos")
     for name in options.robots:
-        sensors = policy.config.trainer.sensors if policy else ()
-        robot = prepare(load(name), task=options.task, base=options.base, sensors=sensors, drawn=False)
+        if policy is None:
+            robot = prepare(load(name), task=options.task, base=options.base, drawn=False)
+        else:
+            (robot,) = policy.prepare([load(name)], task=options.task, base=options.base)
         task = replace(robot.task, episode_length=options.steps or robot.task.episode_length)
         env = BatchEnv([robot.simulation], [task], options.episodes, specs=[robot.spec], seed=0)
         still = ActionScale(robot.spec).to_controls(np.zeros((options.episodes, len(robot.spec.actuators))))

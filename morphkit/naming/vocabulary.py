@@ -46,6 +46,7 @@ _SEGMENTS = {
     "farm": "lower arm",
     "clav": "clavicle",
     "glut": "hip",
+    "hipassembly": "hip",
     "haa": "hip abduction",
     "hfe": "hip flexion",
     "kfe": "knee flexion",
