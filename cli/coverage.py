@@ -63,6 +63,8 @@ def _text(found: Coverage) -> str:
         rows.append((limb.limb, f"{limb.trained} of {limb.tokens}", *texts))
     columns = ("limb", "trained", "strangest text", "nearest of training", "cosine")
     shown = table(columns, rows, right=("trained", "cosine"), width=terminal_width())
+    if found.rests:
+        lines.append(f"limbs that rest, since training had none of their names: {', '.join(found.rests)}")
     for each in found.outside:
         lines.append(
             f"outside of training: {each.what} {each.value:.4g}, training had {each.low:.4g} to {each.high:.4g}"

@@ -16,6 +16,7 @@ from morphkit.errors import CheckpointError, ConfigError
 from morphkit.morphology import Base
 from morphkit.tokens.spec import TokenSpec
 from morphkit_rl.algorithms.baked_policy import BakedPolicy
+from morphkit_rl.algorithms.known_part import KnownPart, known_part
 from morphkit_rl.algorithms.mirror import better_known, mirror_signs
 from morphkit_rl.algorithms.normalizer import Normalizer
 from morphkit_rl.config.methods import find_method
@@ -242,20 +243,28 @@ class Policy:
             )
         self._check_quantities(spec)
         method = find_method(self.config.model.method)
-        method.check(spec, self.config.model, self.vocabulary)
-        shown = self._shown(spec)
+        whole, part = self._shown(spec)
+        shown = part.spec if part else whole
+        method.check(shown, self.config.model, self.vocabulary)
         layout = build_layout([shown], self.embedder, actions=method.actions)
         scale = shift = None
         if self.config.trainer.normalize:
-            scale, shift = map(torch.from_numpy, self.normalizer.scale_and_shift(self.normalizer.index([spec])))
-        sign = None if shown is spec else torch.from_numpy(mirror_signs(spec))
-        return BakedPolicy(self.actor, layout, scale, shift, sign)
+            scale, shift = map(torch.from_numpy, self.normalizer.scale_and_shift(self.normalizer.index([shown])))
+        sign = None if whole is spec else torch.from_numpy(mirror_signs(shown))
+        return BakedPolicy(self.actor, layout, scale, shift, sign, part)
 
-    def _shown(self, spec: TokenSpec) -> TokenSpec:
-        """The robot as the actor is to see it: itself or its mirror image."""
-        if not self.config.augment.mirror_unseen or self.vocabulary is None:
-            return spec
-        return better_known(spec, self.vocabulary.texts_of_bodies())
+    def rests(self, spec: TokenSpec) -> tuple[str, ...]:
+        """Limbs of a robot that the policy does not act by, since training had none of their names."""
+        part = self._shown(spec)[1]
+        return part.rests if part else ()
+
+    def _shown(self, spec: TokenSpec) -> tuple[TokenSpec, KnownPart | None]:
+        """The robot as the actor is to see it, itself or its mirror image, and what of it; None for all."""
+        augment, vocabulary = self.config.augment, self.vocabulary
+        if vocabulary is None:
+            return spec, None
+        whole = better_known(spec, vocabulary.texts_of_bodies()) if augment.mirror_unseen else spec
+        return whole, known_part(whole, vocabulary.texts) if augment.rest_unseen else None
 
     def _prepare(self, spec: TokenSpec) -> Controller:
         baked = self.bake(spec)

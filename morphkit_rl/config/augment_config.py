@@ -21,6 +21,8 @@ class AugmentConfig:
         name_dropout: Probability that a text reads like the mean of all texts.
         mirror_unseen: Whether a policy, once it is trained, acts for a robot on a planar base as for its mirror image,
             where that has more texts in common with a body of training than the robot. Updates do not change.
+        rest_unseen: Whether limbs none of whose texts training had rest, and the others act as if these were not there,
+            once a policy is trained. A robot of which no limb with an actuator is known is acted for as a whole.
     """
 
     mirror: bool = False
@@ -28,6 +30,7 @@ class AugmentConfig:
     name_noise: float = 0.0
     name_dropout: float = bounded(0.0, at_most=1)
     mirror_unseen: bool = False
+    rest_unseen: bool = False
 
     @property
     def in_updates(self) -> bool:

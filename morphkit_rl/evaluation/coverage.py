@@ -83,6 +83,7 @@ class Coverage:
         reads_names: Whether the policy's method reads names at all.
         texts: Every token.
         limbs: Every limb.
+        rests: Limbs that the policy does not act by, since training had none of their texts (`augment.rest_unseen`).
         outside: What is unlike the training bodies.
         prediction: Expected normalized return; None without calibration.
         notes: What could not be said, and why.
@@ -92,6 +93,7 @@ class Coverage:
     reads_names: bool
     texts: tuple[TextMatch, ...]
     limbs: tuple[LimbMatch, ...]
+    rests: tuple[str, ...]
     outside: tuple[Outside, ...]
     prediction: Prediction | None
     notes: tuple[str, ...]
@@ -137,6 +139,7 @@ def coverage(target: str | Path, description: Description, *, encoder: str | Non
         reads_names=find_method(policy.config.model.method).reads_names != "none",
         texts=tuple(matches),
         limbs=tuple(_limbs(robot, matches)),
+        rests=policy.rests(robot.spec),
         outside=tuple(outside),
         prediction=prediction,
         notes=tuple(notes),

@@ -13,11 +13,16 @@ import torch
 from morphkit.readers import read
 from morphkit.registry import load
 from morphkit.tokens.spec import TokenSpec, token_spec
+from morphkit_rl.algorithms.normalizer import Normalizer
+from morphkit_rl.algorithms.policy import Policy
 from morphkit_rl.buffers.replay_buffer import Batch
 from morphkit_rl.config.methods import ModelSettings, find_method
+from morphkit_rl.config.train_config import TrainConfig
 from morphkit_rl.models import build
 from morphkit_rl.models.layout import Layout, build_layout
 from morphkit_rl.models.vocabulary import Vocabulary
+from morphkit_rl.runs import run_settings
+from morphkit_rl.text.embedder import TokenEmbedder
 
 TEXTS = ["ffoot position x", "front foot position x", "bthigh joint range low", "torso ctrl"]
 SIZE = 12
@@ -71,3 +76,18 @@ def batch_of(layout: Layout, size: int = 3, rng: np.random.Generator | None = No
     action = rng.uniform(-1, 1, (size, layout.num_actions)).astype("f4")
     reward, discount = rng.random((2, size, layout.num_robots)).astype("f4")
     return Batch(obs, action, reward, next_obs, discount)
+
+
+def random_policy(config: TrainConfig, trained_on: Sequence[str]) -> Policy:
+    """A policy with random weights and observation statistics, as if trained on shipped robots."""
+    torch.manual_seed(0)
+    specs = [run_settings.prepare_robot(config, load(name)).spec for name in trained_on]
+    vocabulary = Vocabulary.from_dict(Vocabulary.of(specs).to_dict())
+    embedder = TokenEmbedder.fit(run_settings.make_encoder(config), [text for own in specs for text in own.texts])
+    normalizer = Normalizer()
+    normalizer.index(specs, grow=True)
+    rng = np.random.default_rng(0)
+    for own in specs:
+        normalizer.update(rng.standard_normal((50, len(own.sensors))), normalizer.index([own]))
+    actor, _ = build(config.model, embedder.size, vocabulary)
+    return Policy(actor, normalizer, embedder, config, trained_on, vocabulary)

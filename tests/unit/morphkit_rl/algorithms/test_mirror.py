@@ -6,21 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from morphkit.ablation.symmetry import other_side
 from morphkit.registry import load
 from morphkit_rl.algorithms.mirror import better_known, mirror_image
-from morphkit_rl.algorithms.normalizer import Normalizer
-from morphkit_rl.algorithms.policy import Policy
 from morphkit_rl.benchmark.definition import load_benchmark
 from morphkit_rl.config.augment_config import AugmentConfig
-from morphkit_rl.config.train_config import TrainConfig, load_config
-from morphkit_rl.models import build
-from morphkit_rl.models.vocabulary import Vocabulary
+from morphkit_rl.config.train_config import load_config
 from morphkit_rl.runs import run_settings
-from morphkit_rl.text.embedder import TokenEmbedder
-from tests.support.networks import spec
+from tests.support.networks import random_policy, spec
 
 ACROSS = {
     *(("position", "y"), ("translational_velocity", "y")),
@@ -61,25 +55,14 @@ def test_what_training_had_stays_as_it_is() -> None:
                 assert better_known(own, bodies(*members.train)) is own
 
 
-def policy(config: TrainConfig) -> Policy:
-    torch.manual_seed(0)
-    specs = [run_settings.prepare_robot(config, load(name)).spec for name in TRAINED]
-    vocabulary = Vocabulary.from_dict(Vocabulary.of(specs).to_dict())
-    embedder = TokenEmbedder.fit(run_settings.make_encoder(config), [text for own in specs for text in own.texts])
-    normalizer = Normalizer()
-    normalizer.index(specs, grow=True)
-    rng = np.random.default_rng(0)
-    for own in specs:
-        normalizer.update(rng.standard_normal((50, len(own.sensors))), normalizer.index([own]))
-    actor, _ = build(config.model, embedder.size, vocabulary)
-    return Policy(actor, normalizer, embedder, config, TRAINED, vocabulary)
-
-
 @pytest.mark.parametrize("normalize", ["true", "false"])
 def test_a_policy_acts_for_a_body_as_for_its_image(normalize: str) -> None:
     config = load_config("default", ["model.d_model=16", f"trainer.normalize={normalize}"])
-    assert config.augment == AugmentConfig(mirror_unseen=True)
-    mirroring, plain = policy(config), policy(replace(config, augment=AugmentConfig()))
+    assert config.augment.mirror_unseen
+    mirroring, plain = (
+        random_policy(replace(config, augment=augment), TRAINED)
+        for augment in (AugmentConfig(mirror_unseen=True), AugmentConfig())
+    )
     left, right = (
         run_settings.prepare_robot(config, load(f"humanoid_2d_7_{side}_leg")).spec for side in ("left", "right")
     )

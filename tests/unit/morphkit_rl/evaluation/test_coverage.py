@@ -81,6 +81,14 @@ def test_the_command_prints_and_a_run_without_measured_returns_says_so(
     assert {each["what"] for each in found["outside"]} >= {"limbs", "mass of the heaviest limb in kg"}
 
 
+def test_limbs_that_rest_are_listed(policy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    winged = tmp_path / "winged.xml"
+    winged.write_bytes(load("hopper_5").source.replace(b'"lower_leg', b'"wing'))
+    assert morphkit(["coverage", str(policy), str(winged), "--base", "planar", "--task", "hopper"]) == 0
+    assert "limbs that rest, since training had none of their names: wing\n" in capsys.readouterr().out
+    assert coverage(policy, load("cheetah")).rests == coverage(policy, load("hopper_5")).rests == ()
+
+
 def test_a_name_of_several_lines_forges_none(policy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     hopper = load("hopper_3")
     forged = tmp_path / "a\n\nerror: forged.xml"
