@@ -32,12 +32,14 @@ class RobotResult(RobotReturns):
         random_returns: Return of each episode with actions drawn uniformly from the control ranges.
         diverged: Noise-free episodes that ended because the simulation diverged.
         random_diverged: The same of the random policy.
+        rests: Limbs that the policy did not act by, since training had none of their texts; see `Policy.rests`.
     """
 
     trained_on: bool
     random_returns: tuple[float, ...]
     diverged: int = 0
     random_diverged: int = 0
+    rests: tuple[str, ...] = ()
 
     @property
     def random_mean(self) -> float:
@@ -152,6 +154,7 @@ def _evaluate_one(policy: Policy, robot: Robot, episodes: int, seed: int) -> Rob
         expert_return=robot.simulation.description.info.expert_return,
         diverged=diverged,
         random_diverged=random_diverged,
+        rests=policy.rests(robot.spec),
     )
 
 

@@ -86,6 +86,10 @@ def test_limbs_that_rest_are_listed(policy: Path, tmp_path: Path, capsys: pytest
     winged.write_bytes(load("hopper_5").source.replace(b'"lower_leg', b'"wing'))
     assert morphkit(["coverage", str(policy), str(winged), "--base", "planar", "--task", "hopper"]) == 0
     assert "limbs that rest, since training had none of their names: wing\n" in capsys.readouterr().out
+    assert (
+        morphkit(["evaluate", str(policy), str(winged), "--base", "planar", "--task", "hopper", "--episodes", "1"]) == 0
+    )
+    assert "winged: at rest, since training had none of their names: wing\n" in capsys.readouterr().err
     assert coverage(policy, load("cheetah")).rests == coverage(policy, load("hopper_5")).rests == ()
 
 
