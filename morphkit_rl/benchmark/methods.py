@@ -56,7 +56,7 @@ def method_config(method: str, split: str, *, preset: str | None = None, overrid
     name = preset_of(method) if preset is None else preset
     by_split = _settings_of_split(name, split) if name.endswith(_PAPER) else []
     without_types = ['trainer.sensors=["no_ltv"]'] if method.endswith(_NO_TYPES) else []
-    fixed = [f"trainer.evaluate_steps={EVALUATE_STEPS}", "trainer.total_envs=0"]
+    fixed = [f"trainer.evaluate_steps={EVALUATE_STEPS}"]
     config = load_config(name, [*fixed, *by_split, *without_types, *overrides])
     base = method.removesuffix(_NO_TYPES)
     if base in method_names() and config.model.method != base:
