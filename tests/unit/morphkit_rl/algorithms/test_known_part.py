@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from morphkit.ablation.symmetry import other_side
 from morphkit.registry import load
 from morphkit.tokens.spec import TokenSpec
 from morphkit_rl.algorithms.actions import ActionScale
 from morphkit_rl.algorithms.known_part import known_part
+from morphkit_rl.algorithms.mirror import mirror_signs
 from morphkit_rl.benchmark.definition import load_benchmark
 from morphkit_rl.config.augment_config import AugmentConfig
 from morphkit_rl.config.train_config import load_config
@@ -100,11 +102,42 @@ def test_a_policy_acts_as_for_the_known_part_and_rests_elsewhere(normalize: str,
     assert export_onnx(resting, robot, tmp_path / "policy.onnx") < 1e-5
 
 
-def test_of_a_mirrored_body_the_same_limbs_rest() -> None:
+def test_what_the_mirror_image_knows_does_not_rest() -> None:
     config = load_config("default", ["model.d_model=16"])
     policy = random_policy(config, ("humanoid_2d_7_left_arm", "humanoid_2d_7_lower_arms"))
-    spec_of = {
-        name: run_settings.prepare_robot(config, load(f"humanoid_2d_{name}")).spec for name in ("7_right_arm", "9_full")
-    }
-    assert policy.rests(spec_of["7_right_arm"]) == ()
-    assert policy.rests(spec_of["9_full"]) == ("left_lower_arm",)
+    right_arm, full = (
+        run_settings.prepare_robot(config, load(f"humanoid_2d_{name}")).spec for name in ("7_right_arm", "9_full")
+    )
+    assert policy.rests(right_arm) == ()
+    assert policy.rests(full) == ("left_lower_arm",)
+
+
+@pytest.mark.parametrize("normalize", ["true", "false"])
+def test_the_known_part_of_a_mirrored_body_acts_as_its_image(normalize: str) -> None:
+    config = load_config("default", ["model.d_model=16", f"trainer.normalize={normalize}"])
+    policy = random_policy(config, ("humanoid_2d_7_right_leg",))
+    left, right = (
+        winged(run_settings.prepare_robot(config, load(f"humanoid_2d_7_{side}_leg")).spec, f"{other} lower arm")
+        for side, other in (("left", "right"), ("right", "left"))
+    )
+    order, acts = (
+        [[own.text for own in getattr(right, kind)].index(other_side(token.text)) for token in getattr(left, kind)]
+        for kind in ("sensors", "actuators")
+    )
+    obs = np.random.default_rng(1).standard_normal((5, len(left.sensors))).astype("f4")
+    mirrored = np.empty_like(obs)
+    mirrored[:, order] = obs * mirror_signs(left)
+    assert policy.rests(left) == ("right_lower_arm",)
+    assert policy.rests(right) == ("left_lower_arm",)
+    controls = policy.act(left, obs)
+    assert np.ptp(controls, axis=0).max() > 1e-4
+    np.testing.assert_allclose(controls, policy.act(right, mirrored)[:, acts], atol=1e-5)
+
+
+def winged(tokens: TokenSpec, limb: str) -> TokenSpec:
+    """The robot with another name for one of its limbs in all texts."""
+    sensors, actuators = (
+        tuple(replace(token, text=token.text.replace(limb, "wing")) for token in kind)
+        for kind in (tokens.sensors, tokens.actuators)
+    )
+    return replace(tokens, sensors=sensors, actuators=actuators)

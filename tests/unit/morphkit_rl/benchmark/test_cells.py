@@ -69,6 +69,13 @@ def test_a_method_takes_its_own_preset_and_a_preset_is_a_method() -> None:
     assert method_config("limb-former", "1") == method_config("limb-former", "2")
 
 
+def test_few_bodies_get_as_many_environments_as_in_train() -> None:
+    config, preset = method_config("limb-former", "2"), load_config("default")
+    for robots in (1, 2, 12):
+        assert config.for_robots(robots).trainer.num_envs == preset.for_robots(robots).trainer.num_envs
+    assert config.for_robots(2).trainer.num_envs == 64
+
+
 def test_a_method_without_limb_types_observes_all_else() -> None:
     with_types, without = method_config("limb-former", "1"), method_config("limb-former-no-ltv", "1")
     assert with_types.trainer.sensors == ()
