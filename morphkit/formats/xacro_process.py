@@ -163,7 +163,7 @@ def _limit_resources(seconds: int, memory: int) -> None:
     import resource
 
     resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))  # at the hard limit it would be SIGKILL
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 

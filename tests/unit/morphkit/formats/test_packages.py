@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -190,9 +191,13 @@ def test_xacro_that_cannot_be_expanded(tmp_path: Path, text: str, reason: str) -
     assert reason in str(caught.value)
 
 
-def test_xacro_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("by", ["the clock", "its processor time"])
+def test_xacro_is_stopped(by: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("xacro")
     monkeypatch.setattr(xacro, "LIMIT_S", 1)
+    if by != "the clock":
+        timer = threading.Timer
+        monkeypatch.setattr(xacro.threading, "Timer", lambda seconds, stop: timer(60 * seconds, stop))
     (tmp_path / "r.xacro").write_text(XACRO.format(package="bot", x="9 ** 9 ** 9").replace("$(find bot)", ""))
     with pytest.raises(DescriptionError, match="more than 1 s"):
         load(tmp_path / "r.xacro")
