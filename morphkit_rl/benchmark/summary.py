@@ -34,6 +34,7 @@ class Entry:
         cells: Its cells, by seed.
         role: Whether `held_out` is of test or of validation robots.
         training_return: Mean over done seeds of the final training return, with exploration noise.
+        training_noise_free: Mean over done seeds of the noise-free return on training robots.
         training_score: Interquartile mean over done seeds and training robots of the noise-free score.
         held_out: Mean over done seeds of the noise-free return on held-out robots; None where there are none.
         held_out_score: As `training_score`, on the held-out robots.
@@ -47,6 +48,7 @@ class Entry:
     cells: tuple[Status, ...]
     role: Role
     training_return: Estimate | None
+    training_noise_free: Estimate | None
     training_score: Estimate | None
     held_out: Estimate | None
     held_out_score: Estimate | None
@@ -202,6 +204,7 @@ def _entry(cells: Sequence[Status]) -> Entry:
         cells=tuple(cells),
         role=role,
         training_return=_estimate([np.array(known)]),
+        training_noise_free=_estimate([seed_means(done, "train")]),
         training_score=_estimate([_scores(done, "train")], interquartile_mean),
         held_out=_estimate([seed_means(done, role)]),
         held_out_score=_estimate([_scores(done, role)], interquartile_mean),

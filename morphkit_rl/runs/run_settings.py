@@ -27,12 +27,14 @@ from morphkit_rl.envs.tasks import Task
 from morphkit_rl.runs import robot_entry, run_folder, saved_policy, saved_task, schema
 from morphkit_rl.runs.git_commit import git_commit
 from morphkit_rl.runs.lock import locked
+from morphkit_rl.runs.machine import machine
 from morphkit_rl.runs.run_folder import CONFIG, ROBOTS, START
 from morphkit_rl.runs.saved_policy import SavedPolicy
 from morphkit_rl.text.encoder import TextEncoder
 
 _NOTHING: Mapping[str, Sequence[str]] = MappingProxyType({})
 PACKAGES = ("morphkit", "mujoco", "torch", "transformers", "numpy", "gymnasium")
+_ORIGIN = ("versions", "git_commit", "machine", "mended")
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,14 +132,15 @@ def create(run: Path, settings: RunSettings, mended: Mapping[str, Sequence[str]]
         if settings.start is not None:
             saved_policy.save(settings.start, run / START)
         versions = {name: metadata.version(name) for name in PACKAGES}
-        _write(run, settings, {"versions": versions, "git_commit": git_commit(), "mended": dict(mended)})
+        origin = dict(zip(_ORIGIN, (versions, git_commit(), machine(), dict(mended)), strict=True))
+        _write(run, settings, origin)
 
 
 def with_budget(run: Path, settings: RunSettings, minutes: float | None, steps: int | None) -> RunSettings:
     """Give a run another budget, and write it down."""
     changed = replace(settings, minutes=minutes, steps=steps)
     saved = read(run)
-    _write(run, changed, {name: saved.get(name) for name in ("versions", "git_commit", "mended")})
+    _write(run, changed, {name: saved.get(name) for name in _ORIGIN})
     return changed
 
 

@@ -142,6 +142,11 @@ class RobotEntry(Part):
     info: dict[str, Any]
 
 
+class _Machine(Part):
+    processor: Annotated[str, Field(max_length=200)]
+    cores: Annotated[int, Field(ge=1)]
+
+
 class Config(Part):
     """`config.json`; `TrainConfig.from_dict` checks `config`."""
 
@@ -159,6 +164,7 @@ class Config(Part):
     threads: Annotated[int, Field(ge=1, le=1024)]
     versions: dict[str, str] | None = None
     git_commit: str | None = None
+    machine: _Machine | None = None
     mended: dict[str, list[str]] | None = None
 
 

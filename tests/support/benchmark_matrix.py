@@ -31,11 +31,12 @@ def make_matrix(
     states: Mapping[tuple[str, str, int], str] | None = None,
     level: Level | None = None,
     file: Path | None = None,
+    overrides: Sequence[str] = (),
 ) -> list[MatrixPlan]:
     """Write a matrix whose cells are done, but for those in `states` (task, method, seed).
 
     Curves rise to `level` (3000 by default), noisily; held-out robots get a third of it. `file` defines tasks and
-    splits besides the published ones.
+    splits besides the published ones; `overrides` are settings.
     """
     plans = plan_matrix(
         load_benchmark(file),
@@ -45,6 +46,7 @@ def make_matrix(
         seeds=seeds,
         steps=steps,
         validate=validate,
+        overrides=overrides,
     )
     plans = [
         MatrixPlan(

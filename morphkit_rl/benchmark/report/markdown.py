@@ -10,13 +10,14 @@ from morphkit.utils.printable import markdown_table, one_line
 from morphkit_rl.benchmark.cells import Status
 from morphkit_rl.benchmark.published import OVERALL, Kind, published_returns, published_steps
 from morphkit_rl.benchmark.report import figure_style as style
+from morphkit_rl.benchmark.report.origin import write_origin
 from morphkit_rl.benchmark.report.tables import MISSING, show, show_estimate
 from morphkit_rl.benchmark.summary import Entry, Improvement, Overall
 
 _HOW_TO_READ = f"""## How to read the numbers
 
 - **training return**: mean return of training episodes over the training robots, with exploration noise, over the last
-  5 % of the steps; mean over seeds.
+  5 % of the steps; mean over seeds. The published one is such. Next to it the same robots **noise-free**, at the end.
 - **held-out return**: mean return of noise-free episodes on robots that training never saw; mean over seeds.
 - **score**: (return - random) / (expert - random) of noise-free episodes, with the returns of a random policy and of a
   single-robot expert; interquartile mean over seeds and robots.
@@ -55,6 +56,7 @@ def write_markdown(
     if pairs:
         parts.append(_improvements(pairs))
     parts.append(_not_done(cells))
+    parts.append(write_origin(cells))
     parts.append(_HOW_TO_READ)
     return "\n".join(part for part in parts if part)
 
@@ -97,7 +99,7 @@ def _range(values: Sequence[float], form: str) -> str:
 
 def _tasks(entries: Sequence[Entry]) -> str:
     numbers = (
-        *("training return", "published training", "held-out return", "published held-out"),
+        *("training return", "noise-free", "published training", "held-out return", "published held-out"),
         *("score, training", "score, held-out"),
     )
     rows = [
@@ -106,6 +108,7 @@ def _tasks(entries: Sequence[Entry]) -> str:
             each.method,
             each.states,
             show_estimate(each.training_return),
+            show_estimate(each.training_noise_free),
             _published(each.published_training, "train", each.split, each.task, each.role == "validation"),
             show_estimate(each.held_out) if each.has_held_out else "none held out",
             _published(each.published_held_out, "zero_shot", each.split, each.task, each.role == "validation"),

@@ -21,6 +21,7 @@ from morphkit_rl.benchmark.report.bar_figure import write_bars
 from morphkit_rl.benchmark.report.curve_figure import write_curves
 from morphkit_rl.benchmark.report.figure_style import order as method_order
 from morphkit_rl.benchmark.report.markdown import write_markdown
+from morphkit_rl.benchmark.report.origin import origin_row
 from morphkit_rl.benchmark.summary import Entry, Improvement, Overall, improvements, overall, robot_rows, summarize
 
 MARKER = "report.json"
@@ -106,6 +107,7 @@ def cell_row(cell: Status) -> dict[str, Any]:
         "diverged": last.get("diverged"),
         "training_return": (cell.result or {}).get("training_return"),
         "evaluated": (cell.result or {}).get("evaluated"),
+        **origin_row(cell),
         "detail": cell.detail,
     }
 
@@ -118,6 +120,7 @@ def entry_row(entry: Entry) -> dict[str, Any]:
         "seeds_done": len(entry.done),
         "held_out_robots": entry.role,
         **tables.flat("training_return", entry.training_return),
+        **tables.flat("training_return_noise_free", entry.training_noise_free),
         "published_training_return": entry.published_training,
         **tables.flat("training_score", entry.training_score),
         **tables.flat("held_out_return", entry.held_out),

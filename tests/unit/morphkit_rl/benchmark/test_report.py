@@ -19,9 +19,12 @@ from morphkit.errors import CheckpointError, OutputError
 from morphkit_rl.benchmark.cells import read_matrix
 from morphkit_rl.benchmark.report.curve_figure import write_curves
 from morphkit_rl.benchmark.report.curves import SeedCurve, band, seed_curve
+from morphkit_rl.benchmark.report.origin import write_origin
 from morphkit_rl.benchmark.report.write import write_report
 from morphkit_rl.benchmark.statistics import mean_of_means
 from morphkit_rl.benchmark.summary import improvements, overall, summarize
+from morphkit_rl.runs import run_settings
+from morphkit_rl.runs.run_settings import RunSettings
 from tests.support.benchmark_matrix import make_matrix
 
 HALF = {
@@ -235,8 +238,32 @@ def test_validation_is_called_so_and_compared_with_nothing_published(tmp_path: P
     write_report(tmp_path / "m", tmp_path / "report")
     text = (tmp_path / "report/report.md").read_text()
     assert "the test set was left alone" in text
-    assert not {"269", "920"} & set(text.replace("|", " ").split())
+    line = next(line for line in text.splitlines() if line.startswith("| walkers | ma-bert | 2 done |"))
+    assert [part.strip() for part in line.split("|")][6:9:2] == ["–", "–"]
     assert {row["role"] for row in rows(tmp_path / "report", "robots")} == {"train", "validation"}
+
+
+def test_every_run_has_its_command_commit_and_machine(tmp_path: Path) -> None:
+    states = {("walkers", "limb-former", 1): "stopped", ("walkers", "limb-former", 2): "not started"}
+    matrix = tmp_path / "m"
+    plan = make_matrix(matrix, tasks=["walkers"], steps=5_000, overrides=["td3.tau=0.25"], states=states)[0]
+    settings = RunSettings(tuple(plan.bodies.train), (), (), plan.config, None, None, 0, None, 5_000, "cpu", threads=1)
+    run_settings.create(tmp_path / "run", settings)
+    saved = json.loads((tmp_path / "run/config.json").read_text())
+    saved |= {"git_commit": "a" * 40, "machine": {"processor": "Abacus 9", "cores": 64}}
+    (plan.cell.folder(matrix) / "run/config.json").write_text(json.dumps(saved))
+    text = write_origin(read_matrix(matrix))
+    begun = [line for line in text.splitlines() if line.startswith("| 1 | walkers |")]
+    assert len(begun) == 2, "what was never started is no run"
+    assert "| 0 | done | 5 000 | 1 250 | 17 |" in begun[0]
+    assert begun[0].endswith("| aaaaaaaaaa | 1 of 64 |")
+    assert "stopped" in begun[1]
+    assert begun[1].endswith("| – | – | – | – of – |"), "no returns, and nothing is known of where it ran"
+    assert "hours of training on Abacus 9." in text
+    command = (
+        "morphkit benchmark run --task walkers --split 1 --method limb-former --seeds 3 --steps 5000 --episodes 10"
+    )
+    assert f"\n$ {command} --set td3.tau=0.25\n" in text
 
 
 @pytest.mark.usefixtures("undrawn")

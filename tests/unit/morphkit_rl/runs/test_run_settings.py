@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 import signal
 import subprocess
 from dataclasses import replace
@@ -20,6 +21,7 @@ from morphkit_rl.config.train_config import TrainConfig, load_config
 from morphkit_rl.evaluation.evaluate import evaluate
 from morphkit_rl.runs import checkpoint, run_settings
 from morphkit_rl.runs.git_commit import git_commit
+from morphkit_rl.runs.machine import machine
 from morphkit_rl.runs.metrics_log import read_metrics
 from morphkit_rl.training.collector import Collector
 from morphkit_rl.training.session import Session
@@ -65,6 +67,22 @@ def test_the_commit_of_a_checkout_that_something_was_installed_into_is_not_recor
     git("commit", "-m", "a")
     assert git_commit(tmp_path / "own.py") == git("rev-parse", "HEAD").strip()
     assert git_commit(tmp_path / "installed.py") is None
+
+
+def test_a_run_says_what_it_is_computed_on(tmp_path: Path) -> None:
+    train([load("hopper_3")], tmp_path / "run", config(), steps=20)
+    recorded = run_settings.read(tmp_path / "run")["machine"]
+    assert recorded == machine()
+    assert recorded["processor"]
+    resume(tmp_path / "run", steps=40)
+    assert run_settings.read(tmp_path / "run")["machine"] == recorded
+
+
+def test_the_processor_is_called_what_the_system_calls_it(tmp_path: Path) -> None:
+    (tmp_path / "cpuinfo").write_text("processor\t: 0\nmodel name\t: Abacus: 9\nflags\t\t: fpu\n\nprocessor\t: 1\n")
+    assert machine(tmp_path / "cpuinfo")["processor"] == "Abacus: 9"
+    assert machine(tmp_path / "cpuinfo")["cores"] == len(os.sched_getaffinity(0))
+    assert machine(tmp_path / "missing")["processor"] in (platform.processor(), platform.machine())
 
 
 def test_a_run_folder_takes_one_process_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
