@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from morphkit.tokens.spec import TokenSpec
@@ -78,11 +79,11 @@ class Normalizer:
         self.count, self.mean, self.m2 = (np.array(state[name], dtype=np.float64) for name in ("count", "mean", "m2"))
 
 
-def normalize(obs: Tensor, scale: Tensor | None, shift: Tensor | None) -> Tensor:
+def normalize(obs: Tensor, scale: Tensor | None, shift: Tensor | None, *, out: Tensor | None = None) -> Tensor:
     """Observation rows times `scale` plus `shift` (`Normalizer.scale_and_shift`), bounded by `CLIP`.
 
-    Without both, the rows as they are.
+    Without both, the rows as they are. `out` is where they are written to, if it is given.
     """
     if scale is None or shift is None:
-        return obs
-    return (obs * scale + shift).clamp(-CLIP, CLIP)
+        return obs if out is None else out.copy_(obs)
+    return torch.mul(obs, scale, out=out).add_(shift).clamp_(-CLIP, CLIP)

@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from morphkit.errors import ConfigError
 from morphkit_rl.algorithms import autograd_update, compiled_update
 from morphkit_rl.algorithms.augmentation import Augmentation, Shown
+from morphkit_rl.algorithms.compiled_update import CompiledUpdate
 from morphkit_rl.algorithms.critic_losses import make_critic_loss
 from morphkit_rl.algorithms.normalizer import normalize
 from morphkit_rl.algorithms.transitions import Transitions
@@ -20,6 +21,7 @@ from morphkit_rl.buffers.replay_buffer import Batch
 from morphkit_rl.config.learner_config import LearnerConfig
 from morphkit_rl.config.methods import ModelSettings
 from morphkit_rl.config.train_config import TD3Config
+from morphkit_rl.kernels import library
 from morphkit_rl.models import build
 from morphkit_rl.models.blocks import set_precision
 from morphkit_rl.models.layout import Layout
@@ -80,6 +82,7 @@ class TD3:
         )
         self.actor_average = deepcopy(self.actor_target) if self.options.actor_average > 0 else None
         self.updates = 0
+        self._compiled: dict[Layout, CompiledUpdate | None] = {}
 
     def update(
         self,
@@ -109,22 +112,25 @@ class TD3:
         Returns:
             Scalars: `critic_loss` and `q_mean`, with `actor_loss` where the actor was updated.
         """
-        obs, next_obs = (normalize(self._tensor(rows), scale, shift) for rows in (batch.obs, batch.next_obs))
-        rest = (self._tensor(array) for array in (batch.action, batch.reward, batch.discount))
-        transitions = Transitions(obs, next_obs, *rest)
         factor = torch.full((layout.num_robots,), self.config.reward_scale, device=self.device)
         if reward_scale is not None:
             factor = factor * reward_scale
-        next_action = self._next_action(next_obs, layout, rng)
         first = 0 if self.config.actor_first else self.config.policy_delay - 1
         due = (self.updates if number is None else number) % self.config.policy_delay == first
-        compiled = augmentation is None and compiled_update.suits(self, obs, layout)
-        update_critics = compiled_update.update_critics if compiled else autograd_update.update_critics
-        losses = update_critics(self, transitions, next_action, layout, factor, follow=due)
-        if due and self.updates >= self.options.actor_start:
-            if compiled:
-                losses["actor_loss"] = compiled_update.update_actor(self, obs, layout)
-            else:
+        acts = due and self.updates >= self.options.actor_start
+        noise = self._target_noise((len(batch.reward), layout.num_actions), rng)
+        compiled = self._compiled_update(layout, batch) if augmentation is None else None
+        if compiled is not None:
+            losses = compiled.update_critics(batch, noise, scale, shift, factor, follow=due)
+            if acts:
+                losses["actor_loss"] = compiled.update_actor()
+        else:
+            obs, next_obs = (normalize(self._tensor(rows), scale, shift) for rows in (batch.obs, batch.next_obs))
+            rest = (self._tensor(array) for array in (batch.action, batch.reward, batch.discount))
+            transitions = Transitions(obs, next_obs, *rest)
+            next_action = self._next_action(next_obs, layout, self._tensor(noise))
+            losses = autograd_update.update_critics(self, transitions, next_action, layout, factor, follow=due)
+            if acts:
                 shown = Shown(layout) if augmentation is None else augmentation.draw(rng)
                 losses["actor_loss"] = autograd_update.update_actor(self, obs, layout, shown, shift)
         self.updates += 1
@@ -132,12 +138,25 @@ class TD3:
             self._reset(rng)
         return losses
 
+    def _compiled_update(self, layout: Layout, batch: Batch) -> CompiledUpdate | None:
+        """The quick way to update, where there is one."""
+        if layout not in self._compiled:
+            suits = compiled_update.suits(self, self._tensor(batch.obs), layout)
+            self._compiled[layout] = CompiledUpdate(self, layout, len(batch.reward)) if suits else None
+        found = self._compiled[layout]
+        if found is None or library.is_suspended():
+            return None
+        if not found.fits(len(batch.reward)):
+            found = self._compiled[layout] = CompiledUpdate(self, layout, len(batch.reward))
+        return found
+
+    def _target_noise(self, shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+        bound = self.config.target_noise_clip
+        return (rng.standard_normal(shape, dtype=np.float32) * self.config.target_noise).clip(-bound, bound)
+
     @torch.no_grad()
-    def _next_action(self, next_obs: Tensor, layout: Layout, rng: np.random.Generator) -> Tensor:
+    def _next_action(self, next_obs: Tensor, layout: Layout, noise: Tensor) -> Tensor:
         """The target actor's action with noise on it."""
-        shape = len(next_obs), layout.num_actions
-        drawn = rng.standard_normal(shape, dtype=np.float32) * self.config.target_noise
-        noise = self._tensor(drawn.clip(-self.config.target_noise_clip, self.config.target_noise_clip))
         return (self.actor_target(layout.part(next_obs), layout) + noise).clamp(-1, 1)
 
     @torch.no_grad()

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from morphkit_rl.kernels.library import STEP, ThreadGradients, function, integers, pointer, pointers, takes
+from morphkit_rl.kernels.gradient_rows import GradientRows
+from morphkit_rl.kernels.library import STEP, ThreadGradients, bound, integers, pointer, pointers, takes
 
 
 def available(x: Tensor) -> bool:
@@ -36,8 +37,42 @@ def actuator_heads(x: Tensor, limb: Tensor, parameters: Sequence[Tensor]) -> Ten
     return _forward(x.contiguous(), limb, parameters, None)
 
 
+class ActuatorHeadsPass:
+    """`actuator_heads` at tokens that lie in fixed memory, and back, without autograd.
+
+    Args:
+        x: As in `actuator_heads`, read anew by each `forward`.
+        limb: As in `actuator_heads`.
+        parameters: As in `actuator_heads`; contiguous, and read anew as well.
+        into: Where `backward` adds gradients of the parameters; None where there is no way back.
+        x_gradient: Like `x`: where `backward` writes that of `x`; None where there is no way back.
+
+    Attributes:
+        output: (batch, actions) of `forward`.
+        gradient: That of `output`, which `backward` starts from.
+    """
+
+    def __init__(
+        self, x: Tensor, limb: Tensor, parameters: Sequence[Tensor],
+        into: GradientRows | None = None, x_gradient: Tensor | None = None,
+    ):  # fmt: skip
+        self.output = x.new_empty(x.shape[0], limb.shape[0], dtype=torch.float32)
+        self.gradient, self._x_gradient = torch.empty_like(self.output), x_gradient
+        kept = pointer(x.new_empty(x.shape[0], limb.shape[0], x.shape[-1]))
+        self.forward = _bound("heads_forward", x, limb, parameters, kept, pointer(self.output))
+        if into is not None and x_gradient is not None:
+            gradients = pointer(self.gradient), pointer(x_gradient), into.pointers(parameters)
+            self._add = _bound("heads_backward", x, limb, parameters, kept, pointer(self.output), *gradients)
+
+    def backward(self) -> None:
+        """From `gradient` to those of `x` and the parameters."""
+        assert self._x_gradient is not None
+        self._x_gradient.zero_()
+        self._add()
+
+
 class ActuatorHeads(torch.autograd.Function):
-    """`actuator_heads` for autograd, and for `Call`."""
+    """`actuator_heads` for autograd."""
 
     @staticmethod
     def forward(ctx: Any, x: Tensor, limb: Tensor, *parameters: Tensor) -> Tensor:
@@ -53,21 +88,20 @@ class ActuatorHeads(torch.autograd.Function):
         """Gradients of all arguments; None of those that have none or need none."""
         x, limb, kept, result, *parameters = ctx.saved_tensors
         x_gradient, gradients = torch.zeros_like(x), ThreadGradients(parameters, True)
-        _call(
+        _bound(
             "heads_backward", x, limb, parameters,
             pointer(kept), pointer(result), pointer(gradient.contiguous()), pointer(x_gradient), gradients.pointers,
-        )  # fmt: skip
+        )()  # fmt: skip
         return x_gradient, None, *gradients.add_up()
 
 
 def _forward(x: Tensor, limb: Tensor, parameters: Sequence[Tensor], kept: Tensor | None) -> Tensor:
     result = x.new_empty(x.shape[0], limb.shape[0], dtype=torch.float32)
-    _call("heads_forward", x, limb, parameters, None if kept is None else pointer(kept), pointer(result))
+    _bound("heads_forward", x, limb, parameters, None if kept is None else pointer(kept), pointer(result))()
     return result
 
 
-def _call(name: str, x: Tensor, limb: Tensor, parameters: Sequence[Tensor], *arguments: object) -> None:
-    kernel = function(name, x.dtype)
-    assert kernel is not None
+def _bound(name: str, x: Tensor, limb: Tensor, parameters: Sequence[Tensor], *arguments: object) -> Callable[[], None]:
     sizes = integers(x.shape[0], x.shape[1], limb.shape[0], x.shape[-1])
-    kernel(sizes, torch.get_num_threads(), pointer(limb), pointers(parameters), pointer(x), *arguments)
+    places = pointer(limb), pointers(parameters), pointer(x)
+    return bound(name, x.dtype, sizes, torch.get_num_threads(), *places, *arguments)

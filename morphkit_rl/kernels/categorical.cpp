@@ -9,6 +9,8 @@
 
 #include <omp.h>
 
+#include <vector>
+
 #include "rows.h"
 
 namespace {
@@ -70,47 +72,65 @@ void project(const Atoms& atoms, const float* p, float reward, float discount, f
 extern "C" {
 
 // s: samples, robots, atoms. r: support. Writes the gradient of sum over rows of weight error, and adds to `result` that sum
-// and the sum of value_weight value; weights and `reward_scale` are robot by robot.
-void categorical_error_float32(const std::int64_t* s, const float* r, const float* logits, const float* next_logits,
-                               const float* reward, const float* discount, const float* reward_scale, const float* weight,
-                               const float* value_weight, float* gradient, double* result) {
+// and the sum of value_weight value; weights and `reward_scale` are robot by robot. Sums are made in one order, whatever the
+// threads.
+void categorical_error_float32(const std::int64_t* s, const float* r, int threads, const float* logits,
+                               const float* next_logits, const float* reward, const float* discount,
+                               const float* reward_scale, const float* weight, const float* value_weight, float* gradient,
+                               double* result) {
     const Atoms atoms{s[2], r[0]};
     const Index rows = s[0] * s[1], n = atoms.count;
-    float *first = scratch.first.of<float>(atoms.padded()), *second = scratch.second.of<float>(atoms.padded()),
-          *target = scratch.target.of<float>(atoms.padded());
-    for (Index row = 0; row < rows; ++row) {
-        const Index robot = row % s[1];
-        const float a = distribute(atoms, next_logits + row * n, first).mean,
-                    b = distribute(atoms, next_logits + (rows + row) * n, second).mean;
-        project(atoms, a < b ? first : second, reward[row] * reward_scale[robot], discount[row], target);
-        for (Index member = 0; member < 2; ++member) {
-            const float* q = logits + (member * rows + row) * n;
-            float* out = gradient + (member * rows + row) * n;
-            const Distribution own = distribute(atoms, q, first);
-            float along = 0;
+    std::vector<double> errors(2 * rows), values(2 * rows);
+#pragma omp parallel num_threads(threads)
+    {
+        float *first = scratch.first.of<float>(atoms.padded()), *second = scratch.second.of<float>(atoms.padded()),
+              *target = scratch.target.of<float>(atoms.padded());
+#pragma omp for schedule(static)
+        for (Index row = 0; row < rows; ++row) {
+            const Index robot = row % s[1];
+            const float a = distribute(atoms, next_logits + row * n, first).mean,
+                        b = distribute(atoms, next_logits + (rows + row) * n, second).mean;
+            project(atoms, a < b ? first : second, reward[row] * reward_scale[robot], discount[row], target);
+            for (Index member = 0; member < 2; ++member) {
+                const Index place = member * rows + row;
+                const float* q = logits + place * n;
+                float* out = gradient + place * n;
+                const Distribution own = distribute(atoms, q, first);
+                float along = 0;
 #pragma omp simd reduction(+ : along)
-            for (Index i = 0; i < n; ++i) along += target[i] * q[i];
+                for (Index i = 0; i < n; ++i) along += target[i] * q[i];
 #pragma omp simd
-            for (Index i = 0; i < n; ++i) out[i] = weight[robot] * (first[i] - target[i]);
-            result[0] += weight[robot] * (own.log_sum - along);
-            result[1] += value_weight[robot] * own.mean / 2;
+                for (Index i = 0; i < n; ++i) out[i] = weight[robot] * (first[i] - target[i]);
+                errors[2 * row + member] = weight[robot] * (own.log_sum - along);
+                values[2 * row + member] = value_weight[robot] * own.mean / 2;
+            }
         }
+    }
+    for (Index i = 0; i < 2 * rows; ++i) {
+        result[0] += errors[i];
+        result[1] += values[i];
     }
 }
 
 // s: members, samples, robots, atoms. Writes the gradient of sum over rows of weight value, and adds that sum to `result`.
-void categorical_value_float32(const std::int64_t* s, const float* r, const float* logits, const float* weight,
+void categorical_value_float32(const std::int64_t* s, const float* r, int threads, const float* logits, const float* weight,
                                float* gradient, double* result) {
     const Atoms atoms{s[3], r[0]};
-    const Index n = atoms.count;
-    float* p = scratch.first.of<float>(atoms.padded());
-    for (Index row = 0; row < s[0] * s[1] * s[2]; ++row) {
-        const float own = weight[row % s[2]] / s[0];
-        const float mean = distribute(atoms, logits + row * n, p).mean;
-        float* out = gradient + row * n;
+    const Index n = atoms.count, rows = s[0] * s[1] * s[2];
+    std::vector<double> values(rows);
+#pragma omp parallel num_threads(threads)
+    {
+        float* p = scratch.first.of<float>(atoms.padded());
+#pragma omp for schedule(static)
+        for (Index row = 0; row < rows; ++row) {
+            const float own = weight[row % s[2]] / s[0];
+            const float mean = distribute(atoms, logits + row * n, p).mean;
+            float* out = gradient + row * n;
 #pragma omp simd
-        for (Index i = 0; i < n; ++i) out[i] = own * p[i] * (i * atoms.step() - atoms.support - mean);
-        result[0] += own * mean;
+            for (Index i = 0; i < n; ++i) out[i] = own * p[i] * (i * atoms.step() - atoms.support - mean);
+            values[row] = own * mean;
+        }
     }
+    for (const double value : values) result[0] += value;
 }
 }

@@ -81,10 +81,22 @@ def function(name: str, dtype: torch.dtype) -> Callable[..., None] | None:
     return getattr(load(), f"{name}_{str(dtype).removeprefix('torch.')}", None)
 
 
+def bound(name: str, dtype: torch.dtype, *arguments: object) -> Callable[[], None]:
+    """The kernel of that name for a precision with its arguments, which stay alive with it."""
+    kernel = function(name, dtype)
+    assert kernel is not None
+    return functools.partial(kernel, *arguments)
+
+
 def takes(x: Tensor, name: str, dtype: torch.dtype | None = None) -> bool:
     """Whether the kernel can compute on `x`, in its own precision or that of `dtype`."""
     fits = x.device.type == "cpu" and x.numel() > 0 and not _SUSPENDED.get()
     return fits and function(name, dtype or x.dtype) is not None
+
+
+def is_suspended() -> bool:
+    """Whether PyTorch's operations are to be kept to for the moment."""
+    return _SUSPENDED.get()
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,10 +11,11 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from morphkit_rl.kernels.gradient_rows import GradientRows
 from morphkit_rl.kernels.library import (
     STEP,
     ThreadGradients,
-    function,
+    bound,
     integers,
     pointer,
     pointers,
@@ -67,14 +68,42 @@ def limb_layer(x: Tensor, kinship: Kinship, heads: int, parameters: Sequence[Ten
     return _forward(x.contiguous(), kinship, heads, parameters, ())
 
 
+class LimbLayerPass:
+    """`limb_layer` at tokens that lie in fixed memory, and back, without autograd.
+
+    Args:
+        x: As in `limb_layer`, read anew by each `forward`.
+        kinship: As in `limb_layer`.
+        heads: As in `limb_layer`.
+        parameters: As in `limb_layer`; contiguous.
+        into: Where `backward` adds gradients of the parameters; None where there is no way back.
+        x_gradient: Like `x`: where `backward` writes that of `x`; None where there is no way back.
+
+    Attributes:
+        output: Like `x`, of `forward`.
+        gradient: That of `output`, which `backward` starts from.
+    """
+
+    def __init__(
+        self, x: Tensor, kinship: Kinship, heads: int, parameters: Sequence[Tensor],
+        into: GradientRows | None = None, x_gradient: Tensor | None = None,
+    ):  # fmt: skip
+        self.output, self.gradient = torch.empty_like(x), torch.empty_like(x)
+        saved = pointers(_saved(x, parameters)) if into is not None else (ctypes.c_void_p * 4)()
+        common = (x, kinship, heads, parameters, saved)
+        self.forward = _bound("limb_layer_forward", *common, pointer(self.output))
+        if into is not None and x_gradient is not None:
+            gradients = pointer(self.gradient), pointer(x_gradient), into.pointers(parameters)
+            self.backward = _bound("limb_layer_backward", *common, *gradients)
+
+
 class LimbLayer(torch.autograd.Function):
-    """`limb_layer` for autograd, and for `Call`."""
+    """`limb_layer` for autograd."""
 
     @staticmethod
     def forward(ctx: Any, x: Tensor, kinship: Kinship, heads: int, *parameters: Tensor) -> Tensor:
         """The output; keeps what the way back needs."""
-        width, hidden = x.shape[-1], parameters[4].shape[-1]
-        saved = [x.new_empty(*x.shape[:3], columns) for columns in (3 * width, width, width, hidden)]
+        saved = _saved(x, parameters)
         ctx.save_for_backward(x, *saved, *parameters)
         ctx.kinship, ctx.heads = kinship, heads
         return _forward(x, kinship, heads, parameters, saved)
@@ -87,29 +116,33 @@ class LimbLayer(torch.autograd.Function):
         saved, parameters = rest[:4], rest[4:]
         x_gradient = torch.empty_like(x)
         gradients = ThreadGradients(parameters, any(ctx.needs_input_grad[3:]))
-        _call(
+        _bound(
             "limb_layer_backward", x, ctx.kinship, ctx.heads, parameters,
             pointers(saved), pointer(gradient.contiguous()), pointer(x_gradient), gradients.pointers,
-        )  # fmt: skip
+        )()  # fmt: skip
         return x_gradient, None, None, *gradients.add_up()
 
 
 def _forward(x: Tensor, kinship: Kinship, heads: int, parameters: Sequence[Tensor], saved: Sequence[Tensor]) -> Tensor:
     result = torch.empty_like(x)
     kept = pointers(saved) if saved else (ctypes.c_void_p * 4)()
-    _call("limb_layer_forward", x, kinship, heads, parameters, kept, pointer(result))
+    _bound("limb_layer_forward", x, kinship, heads, parameters, kept, pointer(result))()
     return result
 
 
-def _call(name: str, x: Tensor, kinship: Kinship, heads: int, parameters: Sequence[Tensor], *arguments: object) -> None:
-    kernel = function(name, x.dtype)
-    assert kernel is not None
+def _saved(x: Tensor, parameters: Sequence[Tensor]) -> list[Tensor]:
+    """Memory for what the way back needs."""
+    width, hidden = x.shape[-1], parameters[4].shape[-1]
+    return [x.new_empty(*x.shape[:3], columns) for columns in (3 * width, width, width, hidden)]
+
+
+def _bound(
+    name: str, x: Tensor, kinship: Kinship, heads: int, parameters: Sequence[Tensor], *arguments: object
+) -> Callable[[], None]:
     parameters = [parameter.contiguous() for parameter in parameters]
     members, batch, _, width = x.shape
     robots, kinds = kinship.firsts.shape[0], parameters[8].shape[-1]
     sizes = integers(members, batch * robots, width, heads, parameters[4].shape[-1], kinds, robots)
     starts = sequence_starts(kinship.edges, batch)
-    kernel(
-        sizes, pointer(starts), pointer(kinship.firsts), pointer(kinship.kinds), torch.get_num_threads(),
-        pointers(parameters), pointer(x), *arguments,
-    )  # fmt: skip
+    tables = pointer(starts), pointer(kinship.firsts), pointer(kinship.kinds)
+    return bound(name, x.dtype, sizes, *tables, torch.get_num_threads(), pointers(parameters), pointer(x), *arguments)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,8 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from morphkit_rl.kernels.library import STEP, ThreadGradients, function, integers, pointer, takes
+from morphkit_rl.kernels.gradient_rows import GradientRows
+from morphkit_rl.kernels.library import STEP, ThreadGradients, bound, integers, pointer, takes
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +61,38 @@ def limb_tokens(row: Tensor, scalars: Scalars, table: Tensor, names: Tensor, pre
     return _forward(row.contiguous(), scalars, precision, table.contiguous(), names.contiguous(), None)
 
 
+class LimbTokensPass:
+    """`limb_tokens` of scalars and vectors that lie in fixed memory, and back, without autograd.
+
+    Args:
+        row: As in `limb_tokens`, read anew by each `forward`, as `table` and `names` are.
+        scalars: As in `limb_tokens`.
+        table: As in `limb_tokens`.
+        names: As in `limb_tokens`.
+        precision: As in `limb_tokens`.
+        into: Where `backward` adds gradients of `table` and `names`; None where there is no way back.
+
+    Attributes:
+        output: (members, batch, limbs, d_model) of `forward`.
+        gradient: That of `output`, which `backward` starts from.
+    """
+
+    def __init__(
+        self, row: Tensor, scalars: Scalars, table: Tensor, names: Tensor, precision: torch.dtype,
+        into: GradientRows | None = None,
+    ):  # fmt: skip
+        members, limbs, width = names.shape
+        shape = members, row.shape[0], limbs, width
+        self.output, self.gradient, kept = (row.new_empty(shape, dtype=precision) for _ in range(3))
+        common = (row, scalars, precision, table, names)
+        self.forward = _bound("limb_tokens_forward", *common, pointer(kept), pointer(self.output))
+        if into is not None:
+            own = pointer(kept), pointer(self.gradient), into.pointers((table, names))
+            self.backward = _bound("limb_tokens_backward", *common, *own)
+
+
 class LimbTokens(torch.autograd.Function):
-    """`limb_tokens` for autograd, and for `Call`."""
+    """`limb_tokens` for autograd."""
 
     @staticmethod
     def forward(
@@ -79,10 +111,10 @@ class LimbTokens(torch.autograd.Function):
         """Gradients of all arguments; None of those that have none or need none."""
         row, table, names, kept = ctx.saved_tensors
         gradients = ThreadGradients((table, names), True)
-        _call(
+        _bound(
             "limb_tokens_backward", row, ctx.scalars, ctx.precision, table, names,
             pointer(kept), pointer(gradient.contiguous()), gradients.pointers,
-        )  # fmt: skip
+        )()  # fmt: skip
         return None, None, None, *gradients.add_up()
 
 
@@ -92,16 +124,14 @@ def _forward(
     members, limbs, width = names.shape
     result = row.new_empty(members, row.shape[0], limbs, width, dtype=precision)
     saved = None if kept is None else pointer(kept)
-    _call("limb_tokens_forward", row, scalars, precision, table, names, saved, pointer(result))
+    _bound("limb_tokens_forward", row, scalars, precision, table, names, saved, pointer(result))()
     return result
 
 
-def _call(
+def _bound(
     name: str, row: Tensor, scalars: Scalars, precision: torch.dtype, table: Tensor, names: Tensor, *arguments: object
-) -> None:
-    kernel = function(name, precision)
-    assert kernel is not None
+) -> Callable[[], None]:
     members, limbs, width = names.shape
     sizes = integers(members, row.shape[0], limbs, width, row.shape[1], table.shape[1])
     places = map(pointer, (scalars.firsts, scalars.columns, scalars.texts, row, table, names))
-    kernel(sizes, torch.get_num_threads(), *places, *arguments)
+    return bound(name, precision, sizes, torch.get_num_threads(), *places, *arguments)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,8 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from morphkit_rl.kernels.library import STEP, ThreadGradients, function, integers, pointer, pointers, takes
+from morphkit_rl.kernels.gradient_rows import GradientRows
+from morphkit_rl.kernels.library import STEP, ThreadGradients, bound, integers, pointer, pointers, takes
 
 _BATCH, _PACKING = 256, 60
 """Rows of all robots together that groups are made for, and rows whose products cost what packing does."""
@@ -110,8 +111,43 @@ def perceptron_critic(
     return _forward(obs, action, readings, members, precision, parameters, ())
 
 
+class CriticPass:
+    """`perceptron_critic` at rows that lie in fixed memory, and back, without autograd.
+
+    Args:
+        obs: (batch, tokens), float32, read anew by each `forward`, as `action` is.
+        action: (batch, actions), float32.
+        readings: As in `perceptron_critic`.
+        members: As in `perceptron_critic`.
+        parameters: As in `perceptron_critic`; contiguous.
+        precision: As in `perceptron_critic`.
+        into: Where `backward` adds gradients of the parameters, in their order; None for gradients of the actions.
+
+    Attributes:
+        output: (members, batch, robots, outputs) of `forward`.
+        gradient: The same of `output`, which `backward` starts from.
+        action_gradients: (members, batch, actions) of `backward`, unless `into` takes those of the parameters.
+    """
+
+    def __init__(
+        self, obs: Tensor, action: Tensor, readings: Readings, members: int, parameters: Sequence[Tensor],
+        precision: torch.dtype, *, into: GradientRows | None = None,
+    ):  # fmt: skip
+        outputs = parameters[2].shape[-1]
+        self.output = obs.new_empty(members, obs.shape[0], readings.robots.shape[0], outputs)
+        self.gradient = torch.empty_like(self.output)
+        self.action_gradients = action.new_empty(members, *action.shape)
+        saved = pointers(_saved(obs, readings, members, parameters, precision))
+        common = (obs, action, readings, members, precision, parameters, saved)
+        self.forward = _bound("critic_forward", *common, pointer(self.output))
+        of_actions = pointer(self.action_gradients) if into is None else None
+        of_parameters = None if into is None else into.pointers(parameters)
+        gradients = pointer(self.gradient), None, of_actions, of_parameters
+        self.backward = _bound("critic_backward", *common, *gradients)
+
+
 class Critic(torch.autograd.Function):
-    """`perceptron_critic` for autograd, and for `Call`."""
+    """`perceptron_critic` for autograd."""
 
     @staticmethod
     def forward(
@@ -124,8 +160,7 @@ class Critic(torch.autograd.Function):
         *parameters: Tensor,
     ) -> Tensor:
         """The output; keeps what the way back needs."""
-        rows, width = obs.shape[0] * readings.robots.shape[0], parameters[0].shape[-1]
-        saved = [obs.new_empty(members, rows, width, dtype=precision) for _ in range(1 + _layers(parameters))]
+        saved = _saved(obs, readings, members, parameters, precision)
         ctx.save_for_backward(obs, action, *saved, *parameters)
         ctx.readings, ctx.members, ctx.precision, ctx.saved = readings, members, precision, len(saved)
         return _forward(obs, action, readings, members, precision, parameters, saved)
@@ -141,11 +176,11 @@ class Critic(torch.autograd.Function):
             for x, wanted in zip((obs, action), ctx.needs_input_grad[:2], strict=True)
         ]
         gradients = ThreadGradients(parameters, any(ctx.needs_input_grad[5:]))
-        _call(
+        _bound(
             "critic_backward", obs, action, ctx.readings, ctx.members, ctx.precision, parameters,
             pointers(saved), pointer(gradient.contiguous()), *(x if x is None else pointer(x) for x in inputs),
             gradients.pointers,
-        )  # fmt: skip
+        )()  # fmt: skip
         return *(x if x is None else x.sum(0) for x in inputs), None, None, None, *gradients.add_up()
 
 
@@ -160,7 +195,7 @@ def _forward(
 ) -> Tensor:
     result = obs.new_empty(members, obs.shape[0], readings.robots.shape[0], parameters[2].shape[-1])
     kept = pointers(saved) if saved else (ctypes.c_void_p * (1 + _layers(parameters)))()
-    _call("critic_forward", obs, action, readings, members, precision, parameters, kept, pointer(result))
+    _bound("critic_forward", obs, action, readings, members, precision, parameters, kept, pointer(result))()
     return result
 
 
@@ -168,7 +203,15 @@ def _layers(parameters: Sequence[Tensor]) -> int:
     return (len(parameters) - 6) // 4
 
 
-def _call(
+def _saved(
+    obs: Tensor, readings: Readings, members: int, parameters: Sequence[Tensor], precision: torch.dtype
+) -> list[Tensor]:
+    """Memory for what the way back needs."""
+    shape = members, obs.shape[0] * readings.robots.shape[0], parameters[0].shape[-1]
+    return [obs.new_empty(shape, dtype=precision) for _ in range(1 + _layers(parameters))]
+
+
+def _bound(
     name: str,
     obs: Tensor,
     action: Tensor,
@@ -177,16 +220,13 @@ def _call(
     precision: torch.dtype,
     parameters: Sequence[Tensor],
     *arguments: object,
-) -> None:
-    kernel = function(name, precision)
-    assert kernel is not None
+) -> Callable[[], None]:
     token, robot, head = parameters[:3]
     sizes = integers(
         members, obs.shape[0], readings.robots.shape[0], token.shape[-1], _layers(parameters), head.shape[-1],
         obs.shape[1], action.shape[1], token.shape[1], robot.shape[1], readings.groups.shape[0],
     )  # fmt: skip
     parameters = [parameter.contiguous() for parameter in parameters]
-    kernel(
-        sizes, torch.get_num_threads(), pointers((readings.robots, readings.places, readings.groups, readings.texts)),
-        pointers(parameters), pointer(obs), pointer(action), *arguments,
-    )  # fmt: skip
+    tables = pointers((readings.robots, readings.places, readings.groups, readings.texts))
+    rows = pointers(parameters), pointer(obs), pointer(action)
+    return bound(name, precision, sizes, torch.get_num_threads(), tables, *rows, *arguments)

@@ -1,18 +1,15 @@
-"""Limb-Former's actor and back by compiled kernels, without autograd."""
+"""Limb-Former's actor and back by compiled kernels in fixed memory, without autograd."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
-from itertools import chain
 
 import torch
 from torch import Tensor
 
 from morphkit_rl.kernels import actuator_heads, limb_tokens
-from morphkit_rl.kernels.actuator_heads import ActuatorHeads
-from morphkit_rl.kernels.call import Call
-from morphkit_rl.kernels.limb_layer import LimbLayer
-from morphkit_rl.kernels.limb_tokens import LimbTokens
+from morphkit_rl.kernels.actuator_heads import ActuatorHeadsPass
+from morphkit_rl.kernels.gradient_rows import GradientRows
+from morphkit_rl.kernels.limb_layer import LimbLayerPass
+from morphkit_rl.kernels.limb_tokens import LimbTokensPass
 from morphkit_rl.models.blocks import TransformerLayer
 from morphkit_rl.models.layout import Layout
 from morphkit_rl.models.limb_former import Actor
@@ -33,7 +30,7 @@ def suits(actor: object, obs: Tensor, layout: Layout) -> bool:
 
 
 def parameters_in_order(actor: Actor) -> list[Tensor]:
-    """All parameters of the actor, as `ActorPass.gradients` takes them."""
+    """All parameters of the actor, in the order of their gradients in `ActorPass.gradients`."""
     encoder, found = actor.encoder, []
     for layer in encoder.layers:
         assert isinstance(layer, TransformerLayer)
@@ -43,48 +40,64 @@ def parameters_in_order(actor: Actor) -> list[Tensor]:
 
 
 class ActorPass:
-    """Actions of an actor at observation rows, and the gradient of its parameters from theirs.
+    """Actions of an actor at observations that lie in fixed memory, and the gradient of its parameters from theirs.
 
     Args:
-        actor: The actor.
-        obs: (batch, tokens) normalized observations.
+        actor: The actor, whose parameters must stay where they are.
+        obs: (batch, tokens) normalized observations, read anew by each `forward`.
         layout: The robots.
+        learns: Whether there is a way back.
 
     Attributes:
-        action: (batch, actuators) in [-1, 1].
+        action: (batch, actuators) in [-1, 1], of `forward`.
+        action_gradient: That of `action`, which `backward` starts from.
+        gradients: Where `backward` adds those of the `parameters_in_order`, and needs some more.
     """
 
-    def __init__(self, actor: Actor, obs: Tensor, layout: Layout):
-        encoder, self._layout = actor.encoder, layout
-        names, actuators = actor.read_names(layout)
-        precision = encoder.precision
-        self._tokens = _call(LimbTokens, 3, obs, layout.observation.scalars, precision, names.vectors, names.tokens)
-        x, self._layers = self._tokens.output, []
+    def __init__(self, actor: Actor, obs: Tensor, layout: Layout, *, learns: bool):
+        encoder, read, head = actor.encoder, actor.read, actor.head
+        assert read.bias is not None
+        assert head.bias is not None
+        maps = encoder.value, encoder.name, actor.name
+        self._maps = [each.weight for each in maps], [each.bias for each in maps]
+        self._embeddings = layout.embeddings, layout.limb_embeddings, layout.embeddings[layout.action_text]
+        width = read.weight.shape[-1]
+        self._names = [obs.new_empty(1, len(embeddings), width) for embeddings in self._embeddings]
+        vectors, limb_names, action_names = self._names
+        into = GradientRows([*parameters_in_order(actor), *self._names]) if learns else None
+
+        scalars = layout.observation.scalars
+        last: LimbTokensPass | LimbLayerPass
+        last = tokens = LimbTokensPass(obs, scalars, vectors, limb_names, encoder.precision, into)
+        layers: list[LimbLayerPass] = []
         for layer in encoder.layers:
             assert isinstance(layer, TransformerLayer)
-            parameters = *layer.map_parameters, encoder.relation_bias
-            self._layers.append(_call(LimbLayer, 3, x, layout.kinship, layer.heads, *parameters))
-            x = self._layers[-1].output
-        self._heads = _call(ActuatorHeads, 2, x[0], layout.action_limb, *actor.head_parameters(actuators))
-        self.action = self._heads.output
+            own = [*layer.map_parameters, encoder.relation_bias]
+            last = LimbLayerPass(last.output, layout.kinship, layer.heads, own, into, last.gradient)
+            layers.append(last)
+        own = [read.weight, read.bias, action_names, head.weight, head.bias]
+        heads = ActuatorHeadsPass(last.output[0], layout.action_limb, own, into, last.gradient[0])
+        self._parts: tuple[LimbTokensPass | LimbLayerPass | ActuatorHeadsPass, ...] = (tokens, *layers, heads)
+        self.action, self.action_gradient = heads.output, heads.gradient
+        if into is not None:
+            self.gradients = into
 
-    def gradients(self, action_gradient: Tensor) -> list[Tensor]:
-        """Gradient of each of the `parameters_in_order`, with as many numbers."""
-        x, _, *heads = self._heads.backward(action_gradient)
-        x = x.unsqueeze(0)
-        layers: list[Sequence[Tensor]] = []
-        relations: list[Tensor] = []
-        for call in reversed(self._layers):
-            x, _, _, *maps, relation = call.backward(x)
-            layers.insert(0, maps)
-            relations.append(relation)
-        *_, vectors, tokens = self._tokens.backward(x)
-        layout = self._layout
-        own = [*heads[:2], *heads[3:], layout.embeddings[layout.action_text].T @ heads[2]]
-        own += [layout.embeddings.T @ vectors[0], layout.limb_embeddings.T @ tokens[0], tokens[0].sum(0)]
-        return [*chain.from_iterable(layers), torch.stack(relations).sum(0), *own]
+    def forward(self) -> None:
+        """Act."""
+        for weight, bias, embeddings, names in zip(*self._maps, self._embeddings, self._names, strict=True):
+            if bias is None:
+                torch.mm(embeddings, weight[0], out=names[0])
+            else:
+                torch.addmm(bias[0], embeddings, weight[0], out=names[0])
+        for part in self._parts:
+            part.forward()
 
-
-def _call(function: type[torch.autograd.Function], others: int, *arguments: object) -> Call:
-    """A call of which the first `others` arguments are no parameters; only the very first of these has a gradient."""
-    return Call(function, *arguments, wanted=(True, *[False] * (others - 1), *[True] * (len(arguments) - others)))
+    def backward(self) -> None:
+        """From `action_gradient` to `gradients`."""
+        for part in reversed(self._parts):
+            part.backward()
+        for weight, bias, embeddings, names in zip(*self._maps, self._embeddings, self._names, strict=True):
+            gradient = self.gradients.take(names)[0]
+            torch.mm(embeddings.T, gradient, out=self.gradients.part(weight)[0])
+            if bias is not None:
+                torch.sum(gradient, 0, keepdim=True, out=self.gradients.part(bias)[0])

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 from weakref import WeakKeyDictionary
 
 import torch
@@ -22,7 +21,8 @@ from torch import Tensor, nn
 from morphkit.errors import ConfigError
 from morphkit_rl.config.learner_config import LearnerConfig
 from morphkit_rl.kernels import perceptron_critic
-from morphkit_rl.kernels.call import Call
+from morphkit_rl.kernels.gradient_rows import GradientRows
+from morphkit_rl.kernels.perceptron_critic import CriticPass
 from morphkit_rl.models.blocks import MemberLinear, first
 from morphkit_rl.models.layout import Layout
 from morphkit_rl.models.transformer import Norm
@@ -97,26 +97,23 @@ class PerceptronCritic(nn.Module):
             output = self._compute(obs, action, reading, members)
         return output if self.atoms else output[..., 0]
 
-    def call(
-        self, obs: Tensor, action: Tensor, layout: Layout, wanted: Literal["parameters", "action"], members: int = 2
-    ) -> Call:
-        """`forward` by the compiled kernel without autograd, and its way back.
+    def bound(
+        self, obs: Tensor, action: Tensor, layout: Layout, members: int = 2, *, into: GradientRows | None = None
+    ) -> CriticPass:
+        """`forward` by the compiled kernel at rows in fixed memory, and its way back, without autograd.
 
         Args:
             obs: As in `forward`.
             action: As in `forward`.
             layout: As in `forward`.
-            wanted: Whether gradients of the parameters, in the order of `parameters_in_order`, or those of the actions
-                are wanted; backward gives them as its last and as its second.
             members: As in `forward`.
+            into: Where gradients of the `parameters_in_order` go; None for gradients of the actions.
         """
-        own = self.parameters_in_order
-        rest = [wanted == "action", False, False, False, *[wanted == "parameters"] * len(own)]
-        arguments = (obs, action, self._reading(layout).kernel, members, self.precision, *own)
-        return Call(perceptron_critic.Critic, *arguments, wanted=(False, *rest))
+        reading, parameters = self._reading(layout).kernel, self.parameters_in_order
+        return CriticPass(obs, action, reading, members, parameters, self.precision, into=into)
 
     def suits_kernel(self, obs: Tensor) -> bool:
-        """Whether `call` can value actions at such observations."""
+        """Whether `bound` can value actions at such observations."""
         return perceptron_critic.available(obs, self.token.shape[-1], self.precision)
 
     def _compute(self, obs: Tensor, action: Tensor, reading: _Reading, members: int) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,11 @@ import pytest
 import torch
 
 from morphkit_rl.algorithms import autograd_update, compiled_update
+from morphkit_rl.algorithms.compiled_update import CompiledUpdate
 from morphkit_rl.algorithms.td3 import TD3
 from morphkit_rl.config.learner_config import LearnerConfig
 from morphkit_rl.config.train_config import TD3Config
+from morphkit_rl.kernels import library
 from morphkit_rl.models import limb_former_pass
 from morphkit_rl.models.limb_former import LimbFormerSettings
 from morphkit_rl.models.vocabulary import Vocabulary
@@ -46,8 +49,8 @@ def updated(own: TD3, updates: int = 8) -> dict[str, float]:
 @pytest.mark.parametrize("options", [{}, {"actor_objective": "first", "actor_average": 0.0, "saturation_margin": 0.0}])
 def test_both_ways_learn_the_same(options: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
-    original = compiled_update.update_actor
-    monkeypatch.setattr(compiled_update, "update_actor", lambda *given: calls.append(1) or original(*given))
+    original = CompiledUpdate.update_actor
+    monkeypatch.setattr(CompiledUpdate, "update_actor", lambda own: calls.append(1) or original(own))
     quick, plain = learner(**options), learner(**options)
     quick_losses = updated(quick)
     monkeypatch.setattr(compiled_update, "suits", lambda *_: False)
@@ -99,3 +102,54 @@ def test_autograd_is_left_without_kernels(monkeypatch: pytest.MonkeyPatch) -> No
     )
     updated(learner(), 2)
     assert len(calls) == 2
+
+
+@compiled
+def test_what_has_moved_is_found_anew() -> None:
+    """Kernels write to the places that they were told; weights and moments may have left these."""
+    own, plain = learner(), learner()
+    known = []
+    for number, move in enumerate((None, move_weights, load_moments, load_moments)):
+        for each in (own, plain):
+            if move is not None:
+                move(each)
+        updated(own, 2)
+        with library.suspended():
+            updated(plain, 2)
+        known.append(own._compiled[LAYOUT])
+        assert len({id(each) for each in known}) == number + 1
+    start = learner()
+    for name, network in own.networks().items():
+        moved = torch.cat([(p - q).flatten() for p, q in pairs(network, start.networks()[name])])
+        apart = torch.cat([(p - q).flatten() for p, q in pairs(network, plain.networks()[name])])
+        assert apart.norm() < 0.01 * moved.norm(), name
+
+
+def move_weights(own: TD3) -> None:
+    for network in own.networks().values():
+        for parameter in network.parameters():
+            parameter.data = parameter.data.clone()
+
+
+def load_moments(own: TD3) -> None:
+    for optimizer in own.optimizers().values():
+        optimizer.load_state_dict(deepcopy(optimizer.state_dict()))
+
+
+@compiled
+def test_other_batches_and_threads_are_no_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+    own, rng = learner(), np.random.default_rng(0)
+    before = torch.get_num_threads()
+    try:
+        for size, threads in ((24, 1), (8, 1), (8, 3), (8, 3)):
+            torch.set_num_threads(threads)
+            own.update(batch_of(LAYOUT, size, rng), None, None, LAYOUT, rng)
+            found = own._compiled[LAYOUT]
+            assert found is not None
+            assert found.fits(size)
+            assert not found.fits(size + 1)
+    finally:
+        torch.set_num_threads(before)
+    monkeypatch.setattr(CompiledUpdate, "update_critics", lambda *_, **__: pytest.fail("kernels are suspended"))
+    with library.suspended():
+        own.update(batch_of(LAYOUT, 8, rng), None, None, LAYOUT, rng)
