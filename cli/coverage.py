@@ -55,6 +55,10 @@ def _text(found: Coverage) -> str:
     lines = [f"{found.robot}: {known} of {len(found.texts)} token texts are those of training"]
     if not found.reads_names:
         lines.append("the policy's method reads no names, so that texts do not matter to it")
+    if found.mirrored:
+        lines.append(
+            "the policy acts as for the mirror image, which training knew better: texts are those of the image"
+        )
     rows = []
     for limb in found.limbs:
         strange = limb.farthest

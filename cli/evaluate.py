@@ -87,7 +87,7 @@ def evaluate(
         spent = common.duration(elapsed_s)
         note("")
         note(f"trained for {common.count(steps, 'step')}, in {spent} ({name})")
-    _say_rests(found)
+    _say_how(found)
     _say_diverged(found)
     films = _films(run, bodies, video, seed=seed, **where) if video is not None else iter(())
     if track is None:
@@ -122,6 +122,7 @@ def _row(result: RobotResult) -> dict[str, Any]:
         "normalized": result.normalized,
         "diverged": result.diverged,
         "random_diverged": result.random_diverged,
+        "mirrored": result.mirrored,
         "rests": result.rests,
     }
 
@@ -148,8 +149,10 @@ def _print_table(found: Sequence[RobotResult]) -> None:
     write(table(COLUMNS, _cells(found), right=COLUMNS[2:], dispensable=("std",), width=terminal_width()))
 
 
-def _say_rests(found: Sequence[RobotResult]) -> None:
+def _say_how(found: Sequence[RobotResult]) -> None:
     for result in found:
+        if result.mirrored:
+            note(f"{result.robot}: the policy acted as for its mirror image, which training knew better")
         if result.rests:
             note(f"{result.robot}: at rest, since training had none of their names: {', '.join(result.rests)}")
 

@@ -253,6 +253,10 @@ class Policy:
         sign = None if whole is spec else torch.from_numpy(mirror_signs(shown))
         return BakedPolicy(self.actor, layout, scale, shift, sign, part)
 
+    def reads(self, spec: TokenSpec) -> TokenSpec:
+        """A robot's tokens with the texts that the policy reads: its own, or those of its mirror image."""
+        return self._shown(spec)[0]
+
     def rests(self, spec: TokenSpec) -> tuple[str, ...]:
         """Limbs of a robot that the policy does not act by, since training had none of their names."""
         part = self._shown(spec)[1]

@@ -18,6 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy import stats
 
+from morphkit.tokens.spec import TokenSpec
 from morphkit_rl.envs.robot import Robot
 from morphkit_rl.evaluation.episodes import normalized
 from morphkit_rl.models.layout import parent_indices
@@ -91,11 +92,16 @@ def predict(body: Masses, rows: Sequence[Mapping[str, Any]]) -> Prediction | Non
     )
 
 
-def actuated_masses(robot: Robot) -> dict[str, float]:
-    """What of a body the prediction looks at; actuators of no limb count as massless."""
+def actuated_masses(robot: Robot, spec: TokenSpec | None = None) -> dict[str, float]:
+    """What of a body the prediction looks at; actuators of no limb count as massless.
+
+    Args:
+        robot: The body.
+        spec: Its tokens with other texts; default: its own.
+    """
     masses = dict(zip((limb.name for limb in robot.spec.limbs), limb_masses(robot), strict=True))
     found: dict[str, float] = {}
-    for actuator in robot.spec.actuators:
+    for actuator in (spec or robot.spec).actuators:
         mass = 0.0 if actuator.limb is None else float(masses[actuator.limb])
         found[actuator.text] = found.get(actuator.text, 0.0) + mass
     return found

@@ -12,7 +12,7 @@ import numpy as np
 
 from morphkit.description import Description
 from morphkit.errors import MorphkitError
-from morphkit.tokens.spec import ActuatorToken, SensorToken
+from morphkit.tokens.spec import ActuatorToken, SensorToken, TokenSpec
 from morphkit_rl.algorithms.policy import Policy
 from morphkit_rl.config.methods import find_method
 from morphkit_rl.envs.robot import Robot
@@ -81,6 +81,8 @@ class Coverage:
     Attributes:
         robot: Name of the robot.
         reads_names: Whether the policy's method reads names at all.
+        mirrored: Whether the policy acts for it as for its mirror image, which training knew better
+            (`augment.mirror_unseen`); texts are those of the image then.
         texts: Every token.
         limbs: Every limb.
         rests: Limbs that the policy does not act by, since training had none of their texts (`augment.rest_unseen`).
@@ -91,6 +93,7 @@ class Coverage:
 
     robot: str
     reads_names: bool
+    mirrored: bool
     texts: tuple[TextMatch, ...]
     limbs: tuple[LimbMatch, ...]
     rests: tuple[str, ...]
@@ -129,7 +132,7 @@ def coverage(target: str | Path, description: Description, *, encoder: str | Non
         notes.append("no prediction: nothing was measured of this policy (an entry of the zoo has measured returns)")
     else:
         rows = [*evaluation["robots"], *evaluation.get("calibration", ())]
-        prediction = predict(actuated_masses(robot), rows)
+        prediction = predict(actuated_masses(robot, policy.reads(robot.spec)), rows)
         if prediction is None:
             few = sum(row["trained_on"] for row in rows) < FEWEST_TRAINED
             why = "fewer than three training bodies were measured" if few else "the policy fails on its training bodies"
@@ -137,6 +140,7 @@ def coverage(target: str | Path, description: Description, *, encoder: str | Non
     return Coverage(
         robot=robot.name,
         reads_names=find_method(policy.config.model.method).reads_names != "none",
+        mirrored=policy.reads(robot.spec) is not robot.spec,
         texts=tuple(matches),
         limbs=tuple(_limbs(robot, matches)),
         rests=policy.rests(robot.spec),
@@ -149,7 +153,7 @@ def coverage(target: str | Path, description: Description, *, encoder: str | Non
 def _match(policy: Policy, robot: Robot) -> list[TextMatch]:
     """Every token with the nearest text of training."""
     known = list((policy.vocabulary or Vocabulary()).texts)
-    tokens = _tokens(robot)
+    tokens = _tokens(policy.reads(robot.spec))
     texts = [token.text for token in tokens]
     near = _cosines(policy.embedder(texts), policy.embedder(known))
     best = near.argmax(1)
@@ -168,12 +172,12 @@ def _cosines(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.asarray(a @ b.T)
 
 
-def _tokens(robot: Robot) -> list[SensorToken | ActuatorToken]:
-    return [*robot.spec.sensors, *robot.spec.actuators]
+def _tokens(spec: TokenSpec) -> list[SensorToken | ActuatorToken]:
+    return [*spec.sensors, *spec.actuators]
 
 
 def _limbs(robot: Robot, matches: Sequence[TextMatch]) -> list[LimbMatch]:
-    owners = [token.limb for token in _tokens(robot)]
+    owners = [token.limb for token in _tokens(robot.spec)]
     found = []
     for limb in robot.spec.limbs:
         own = [match for match, owner in zip(matches, owners, strict=True) if owner == limb.name]

@@ -32,6 +32,7 @@ class RobotResult(RobotReturns):
         random_returns: Return of each episode with actions drawn uniformly from the control ranges.
         diverged: Noise-free episodes that ended because the simulation diverged.
         random_diverged: The same of the random policy.
+        mirrored: Whether it acted as for the mirror image of the robot, which training knew better; see `Policy.reads`.
         rests: Limbs that the policy did not act by, since training had none of their texts; see `Policy.rests`.
     """
 
@@ -39,6 +40,7 @@ class RobotResult(RobotReturns):
     random_returns: tuple[float, ...]
     diverged: int = 0
     random_diverged: int = 0
+    mirrored: bool = False
     rests: tuple[str, ...] = ()
 
     @property
@@ -154,6 +156,7 @@ def _evaluate_one(policy: Policy, robot: Robot, episodes: int, seed: int) -> Rob
         expert_return=robot.simulation.description.info.expert_return,
         diverged=diverged,
         random_diverged=random_diverged,
+        mirrored=policy.reads(robot.spec) is not robot.spec,
         rests=policy.rests(robot.spec),
     )
 

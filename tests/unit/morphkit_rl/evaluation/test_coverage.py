@@ -99,3 +99,17 @@ def test_a_name_of_several_lines_forges_none(policy: Path, tmp_path: Path, capsy
     forged.write_bytes(hopper.source)
     assert morphkit(["coverage", str(policy), str(forged), "--base", "planar", "--task", "hopper"]) == 0
     assert r"a\n\nerror: forged: 59 of 59" in capsys.readouterr().out.splitlines()[0]
+
+
+def test_a_mirror_image_that_training_knew_better_is_what_counts(capsys: pytest.CaptureFixture[str]) -> None:
+    """The shipped humanoids were trained without a right leg, but with no body that lacks the left one."""
+    found, image = (coverage("zoo:humanoids", load(f"humanoid_2d_7_{side}_leg")) for side in ("left", "right"))
+    assert (found.mirrored, image.mirrored) == (True, False)
+    assert all(match.trained for match in found.texts)
+    assert found.prediction is not None
+    assert image.prediction is not None
+    assert found.prediction.value == pytest.approx(image.prediction.value, abs=0.02)
+    assert morphkit(["coverage", "zoo:humanoids", "humanoid_2d_7_left_leg"]) == 0
+    assert "the policy acts as for the mirror image, which training knew better" in capsys.readouterr().out
+    assert morphkit(["evaluate", "zoo:humanoids", "humanoid_2d_7_left_leg", "--episodes", "1"]) == 0
+    assert "humanoid_2d_7_left_leg: the policy acted as for its mirror image" in capsys.readouterr().err
