@@ -118,6 +118,8 @@ class _Pool(Generic[T, R]):
                     result = worker.connection.recv()
                 except (EOFError, OSError):
                     result = Failure(self._cause_of_death(worker))
+                except ValueError as error:  # MuJoCo says so of a model that was cut short.
+                    result = Failure(f"what it gave cannot be read: {error}")
                 yield worker.task[0], result
                 worker.task = None
             elif time.monotonic() >= worker.deadline:

@@ -121,3 +121,17 @@ def square() -> Callable[[int], int]:
 def test_a_fresh_interpreter_works_too(monkeypatch):
     monkeypatch.setattr(worker_pool, "_context", lambda: multiprocessing.get_context("spawn"))
     assert list(run(square, [2, 3])) == [(2, 4), (3, 9)]
+
+
+class Torn:
+    """What cannot be read again, as a model that MuJoCo has cut short."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return int, ("Invalid serialized mjModel.",)
+
+
+def test_a_result_that_cannot_be_read_again_is_a_failure_of_its_task() -> None:
+    found = dict(run(lambda: lambda task: Torn() if task == "torn" else task, ["torn", "whole"]))
+    assert found["whole"] == "whole"
+    assert isinstance(found["torn"], Failure)
+    assert found["torn"].reason.startswith("what it gave cannot be read: invalid literal")
