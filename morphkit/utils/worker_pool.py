@@ -118,8 +118,8 @@ class _Pool(Generic[T, R]):
                     result = worker.connection.recv()
                 except (EOFError, OSError):
                     result = Failure(self._cause_of_death(worker))
-                except ValueError as error:  # MuJoCo says so of a model that was cut short.
-                    result = Failure(f"what it gave cannot be read: {error}")
+                except ValueError as error:  # MuJoCo cuts models short where memory does not suffice to send them.
+                    result = Failure(f"what the simulator gave cannot be read ({error}){self._perhaps_memory()}")
                 yield worker.task[0], result
                 worker.task = None
             elif time.monotonic() >= worker.deadline:
@@ -157,9 +157,12 @@ class _Pool(Generic[T, R]):
             return f"it took more than {self._limits.seconds:.3g} s of processor time; {ADVICE}"
         how = f"exit code {code}" if code is None or code >= 0 else signal.Signals(-code).name
         said = f"the simulator {'crashed' if code is not None and code < 0 else 'ended the process'} ({how})"
-        if self._limits is None or code == -signal.SIGSEGV:
-            return said
-        return f"{said}, perhaps because it needs more than {self._limits.memory / 2**30:.1f} GiB of memory; {ADVICE}"
+        return said if code == -signal.SIGSEGV else f"{said}{self._perhaps_memory()}"
+
+    def _perhaps_memory(self) -> str:
+        if self._limits is None:
+            return ""
+        return f", perhaps because it needs more than {self._limits.memory / 2**30:.1f} GiB of memory; {ADVICE}"
 
     def _end(self, worker: _Worker[T]) -> None:
         worker.process.kill()

@@ -16,6 +16,7 @@ import pytest
 
 from morphkit.errors import AblationError
 from morphkit.utils import worker_pool
+from morphkit.utils.process_limits import Limits
 from morphkit.utils.worker_pool import Failure, run
 
 
@@ -127,11 +128,15 @@ class Torn:
     """What cannot be read again, as a model that MuJoCo has cut short."""
 
     def __reduce__(self) -> tuple[object, ...]:
-        return int, ("Invalid serialized mjModel.",)
+        return int, ("no model",)
 
 
 def test_a_result_that_cannot_be_read_again_is_a_failure_of_its_task() -> None:
-    found = dict(run(lambda: lambda task: Torn() if task == "torn" else task, ["torn", "whole"]))
-    assert found["whole"] == "whole"
-    assert isinstance(found["torn"], Failure)
-    assert found["torn"].reason.startswith("what it gave cannot be read: invalid literal")
+    def setup() -> Callable[[str], object]:
+        return lambda task: Torn() if task == "torn" else task
+
+    said = "what the simulator gave cannot be read (invalid literal for int() with base 10: 'no model')"
+    assert dict(run(setup, ["torn", "whole"])) == {"torn": Failure(said), "whole": "whole"}
+    ((_, limited),) = run(setup, ["torn"], limits=Limits(60, 2**31))
+    assert isinstance(limited, Failure)
+    assert limited.reason.startswith(f"{said}, perhaps because it needs more than 2.0 GiB of memory; ")
