@@ -1,7 +1,7 @@
 """The update of TD3 by compiled kernels from end to end, where networks and losses are those of the default preset.
 
-At batches of a few hundred samples, autograd and small operations take longer than all products of an update. So
-everything that an update computes lies in fixed memory, and kernels know where.
+At batches of so few samples, autograd and small operations take longer than all products of an update. So everything
+that an update computes lies in fixed memory, and kernels know where.
 """
 
 from __future__ import annotations
@@ -64,7 +64,8 @@ class CompiledUpdate:
         self._critic = critic.bound(self._obs, self._action, stored, into=gradients)
         self._critic_target = target.bound(self._next_obs, self._next_action, stored)
         members = 1 if learner.options.actor_objective == "first" else 2
-        self._judge = critic.bound(self._obs, self._actor.action, stored, members)
+        self._action_gradients = torch.empty(members, size, layout.num_actions)
+        self._judge = critic.bound(self._obs, self._actor.action, stored, members, into=self._action_gradients)
 
         optimizer, clip = learner.critic_optimizer, config.gradient_clip
         follow = [(target.parameters_in_order, config.tau)]
@@ -144,7 +145,7 @@ class CompiledUpdate:
         judge, actor, penalty = self._judge, self._actor, self._config.saturation_penalty
         loss = categorical.categorical_value(judge.output, self._support, -self._weight, judge.gradient)
         judge.backward()
-        torch.sum(judge.action_gradients, 0, out=actor.action_gradient)
+        torch.sum(self._action_gradients, 0, out=actor.action_gradient)
         if penalty > 0:
             saturated, slope = saturation_and_gradient(actor.action, self._margin)
             loss = loss + penalty * saturated

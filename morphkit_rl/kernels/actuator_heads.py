@@ -58,7 +58,7 @@ class ActuatorHeadsPass:
     ):  # fmt: skip
         self.output = x.new_empty(x.shape[0], limb.shape[0], dtype=torch.float32)
         self.gradient, self._x_gradient = torch.empty_like(self.output), x_gradient
-        kept = pointer(x.new_empty(x.shape[0], limb.shape[0], x.shape[-1]))
+        kept = None if into is None else pointer(x.new_empty(x.shape[0], limb.shape[0], x.shape[-1]))
         self.forward = _bound("heads_forward", x, limb, parameters, kept, pointer(self.output))
         if into is not None and x_gradient is not None:
             gradients = pointer(self.gradient), pointer(x_gradient), into.pointers(parameters)

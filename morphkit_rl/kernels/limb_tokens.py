@@ -83,11 +83,12 @@ class LimbTokensPass:
     ):  # fmt: skip
         members, limbs, width = names.shape
         shape = members, row.shape[0], limbs, width
-        self.output, self.gradient, kept = (row.new_empty(shape, dtype=precision) for _ in range(3))
-        common = (row, scalars, precision, table, names)
-        self.forward = _bound("limb_tokens_forward", *common, pointer(kept), pointer(self.output))
+        self.output, self.gradient = (row.new_empty(shape, dtype=precision) for _ in range(2))
+        kept = None if into is None else pointer(torch.empty_like(self.output))
+        common = (row, scalars, precision, table, names, kept)
+        self.forward = _bound("limb_tokens_forward", *common, pointer(self.output))
         if into is not None:
-            own = pointer(kept), pointer(self.gradient), into.pointers((table, names))
+            own = pointer(self.gradient), into.pointers((table, names))
             self.backward = _bound("limb_tokens_backward", *common, *own)
 
 

@@ -121,29 +121,27 @@ class CriticPass:
         members: As in `perceptron_critic`.
         parameters: As in `perceptron_critic`; contiguous.
         precision: As in `perceptron_critic`.
-        into: Where `backward` adds gradients of the parameters, in their order; None for gradients of the actions.
+        into: Where `backward` adds gradients of the parameters, in their order, or, (members, batch, actions), writes
+            those of the actions; None where there is no way back.
 
     Attributes:
         output: (members, batch, robots, outputs) of `forward`.
-        gradient: The same of `output`, which `backward` starts from.
-        action_gradients: (members, batch, actions) of `backward`, unless `into` takes those of the parameters.
+        gradient: That of `output`, which `backward` starts from.
     """
 
     def __init__(
         self, obs: Tensor, action: Tensor, readings: Readings, members: int, parameters: Sequence[Tensor],
-        precision: torch.dtype, *, into: GradientRows | None = None,
+        precision: torch.dtype, *, into: GradientRows | Tensor | None = None,
     ):  # fmt: skip
         outputs = parameters[2].shape[-1]
         self.output = obs.new_empty(members, obs.shape[0], readings.robots.shape[0], outputs)
-        self.gradient = torch.empty_like(self.output)
-        self.action_gradients = action.new_empty(members, *action.shape)
-        saved = pointers(_saved(obs, readings, members, parameters, precision))
-        common = (obs, action, readings, members, precision, parameters, saved)
+        saved = [] if into is None else _saved(obs, readings, members, parameters, precision)
+        common = (obs, action, readings, members, precision, parameters, _kept(saved, parameters))
         self.forward = _bound("critic_forward", *common, pointer(self.output))
-        of_actions = pointer(self.action_gradients) if into is None else None
-        of_parameters = None if into is None else into.pointers(parameters)
-        gradients = pointer(self.gradient), None, of_actions, of_parameters
-        self.backward = _bound("critic_backward", *common, *gradients)
+        if into is not None:
+            self.gradient = torch.empty_like(self.output)
+            wanted = (pointer(into), None) if isinstance(into, Tensor) else (None, into.pointers(parameters))
+            self.backward = _bound("critic_backward", *common, pointer(self.gradient), None, *wanted)
 
 
 class Critic(torch.autograd.Function):
@@ -194,7 +192,7 @@ def _forward(
     saved: Sequence[Tensor],
 ) -> Tensor:
     result = obs.new_empty(members, obs.shape[0], readings.robots.shape[0], parameters[2].shape[-1])
-    kept = pointers(saved) if saved else (ctypes.c_void_p * (1 + _layers(parameters)))()
+    kept = _kept(saved, parameters)
     _bound("critic_forward", obs, action, readings, members, precision, parameters, kept, pointer(result))()
     return result
 
@@ -209,6 +207,10 @@ def _saved(
     """Memory for what the way back needs."""
     shape = members, obs.shape[0] * readings.robots.shape[0], parameters[0].shape[-1]
     return [obs.new_empty(shape, dtype=precision) for _ in range(1 + _layers(parameters))]
+
+
+def _kept(saved: Sequence[Tensor], parameters: Sequence[Tensor]) -> ctypes.Array[ctypes.c_void_p]:
+    return pointers(saved) if saved else (ctypes.c_void_p * (1 + _layers(parameters)))()
 
 
 def _bound(

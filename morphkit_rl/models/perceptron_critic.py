@@ -98,7 +98,13 @@ class PerceptronCritic(nn.Module):
         return output if self.atoms else output[..., 0]
 
     def bound(
-        self, obs: Tensor, action: Tensor, layout: Layout, members: int = 2, *, into: GradientRows | None = None
+        self,
+        obs: Tensor,
+        action: Tensor,
+        layout: Layout,
+        members: int = 2,
+        *,
+        into: GradientRows | Tensor | None = None,
     ) -> CriticPass:
         """`forward` by the compiled kernel at rows in fixed memory, and its way back, without autograd.
 
@@ -107,7 +113,8 @@ class PerceptronCritic(nn.Module):
             action: As in `forward`.
             layout: As in `forward`.
             members: As in `forward`.
-            into: Where gradients of the `parameters_in_order` go; None for gradients of the actions.
+            into: Where gradients of the `parameters_in_order` go, or, (members, batch, actions), those of the actions;
+                None where there is no way back.
         """
         reading, parameters = self._reading(layout).kernel, self.parameters_in_order
         return CriticPass(obs, action, reading, members, parameters, self.precision, into=into)
