@@ -36,13 +36,12 @@ def origin_row(cell: Status) -> dict[str, Any]:
 
 def write_origin(cells: Sequence[Status]) -> str:
     """Every run that has begun, and the commands that make them, in Markdown."""
-    begun = [each for each in cells if each.metrics]
+    begun = [(each, metrics[-1], origin_row(each)) for each in cells if (metrics := each.metrics)]
     if not begun:
         return ""
-    numbers = ("seed", "steps", "updates", "minutes", "training, noise-free", "held out")
+    numbers = ("steps", "updates", "minutes", "training, noise-free", "held out")
     rows = []
-    for each in begun:
-        last, origin = each.metrics[-1], origin_row(each)
+    for each, last, origin in begun:
         names = (each.cell.split, each.cell.task, each.cell.method, str(each.cell.seed), each.state)
         spent = (show(last["steps"]), show(last["updates"]), show((last.get("elapsed_s") or 0) / 60))
         roles: tuple[Role, Role] = ("train", "validation" if each.plan["validate"] else "test")
@@ -50,11 +49,10 @@ def write_origin(cells: Sequence[Status]) -> str:
         means = [show(float(found[0])) if found.size else MISSING for found in returns]
         computed = f"{origin['threads'] or MISSING} of {origin['cores'] or MISSING}"
         rows.append((*names, *spent, *means, (origin["commit"] or MISSING)[:10], computed))
-    hours = sum((each.metrics[-1].get("elapsed_s") or 0) for each in begun) / 3600
-    table = markdown_table(
-        ("split", "task", "method", "seed", "state", *numbers[1:], "commit", "threads of cores"), rows, right=numbers
-    )
-    machines = sorted({name for each in begun if (name := origin_row(each)["processor"])})
+    hours = sum(last.get("elapsed_s") or 0 for _, last, _ in begun) / 3600
+    columns = ("split", "task", "method", "seed", "state", *numbers, "commit", "threads of cores")
+    table = markdown_table(columns, rows, right=("seed", *numbers))
+    machines = sorted({origin["processor"] for *_, origin in begun if origin["processor"]})
     on = f" on {', '.join(map(one_line, machines))}" if machines else ""
     last_seeds = {(each.cell.split, each.cell.task, each.cell.method): each for each in cells}
     commands = "\n".join(f"$ {command_of(each)}" for each in last_seeds.values())
