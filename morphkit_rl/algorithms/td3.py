@@ -140,13 +140,13 @@ class TD3:
 
     def _compiled_update(self, layout: Layout, batch: Batch) -> CompiledUpdate | None:
         """The quick way to update, where there is one."""
+        if library.is_suspended():
+            return None
         if layout not in self._compiled:
             suits = compiled_update.suits(self, self._tensor(batch.obs), layout)
             self._compiled[layout] = CompiledUpdate(self, layout, len(batch.reward)) if suits else None
         found = self._compiled[layout]
-        if found is None or library.is_suspended():
-            return None
-        if not found.fits(len(batch.reward)):
+        if found is not None and not found.fits(len(batch.reward)):
             found = self._compiled[layout] = CompiledUpdate(self, layout, len(batch.reward))
         return found
 

@@ -137,6 +137,16 @@ def load_moments(own: TD3) -> None:
 
 
 @compiled
+def test_kernels_that_were_suspended_at_first_are_used_afterwards() -> None:
+    own = learner()
+    with library.suspended():
+        updated(own, 1)
+    assert not own._compiled
+    updated(own, 1)
+    assert own._compiled[LAYOUT] is not None
+
+
+@compiled
 def test_other_batches_and_threads_are_no_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     own, rng = learner(), np.random.default_rng(0)
     before = torch.get_num_threads()
